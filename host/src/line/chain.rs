@@ -18,7 +18,7 @@ const WITHIN: f64 = 0.25;
 
 /// The steps that are still needed.
 pub(super) struct Chain<'a> {
-    plans: &'a [LinePlan],
+    plans: Vec<LinePlan>,
     analysis: &'a Analysis,
     scratch: Box<Scratch>,
     /// Weights of the steps by their distance.
@@ -32,10 +32,17 @@ pub(super) struct Chain<'a> {
 }
 
 impl<'a> Chain<'a> {
-    pub(super) fn new(plans: &'a [LinePlan], analysis: &'a Analysis) -> Self {
+    pub(super) fn new(plans: Vec<LinePlan>, analysis: &'a Analysis) -> Self {
         let (scratch, weights) = (Box::new(Scratch::new()), weights(analysis.forgetting));
-        let bend = Bend::new(deviation_s(&weights, analysis.step_s), analysis.step_s, beam(plans));
+        let bend = Bend::new(deviation_s(&weights, analysis.step_s), analysis.step_s, beam(&plans));
         Self { plans, analysis, scratch, weights, held: VecDeque::new(), next: 0, bend, steps: 0 }
+    }
+
+    /// Other plans, for what follows an end.
+    pub(super) fn plan(&mut self, plans: Vec<LinePlan>) {
+        self.bend =
+            Bend::new(deviation_s(&self.weights, self.analysis.step_s), self.analysis.step_s, beam(&plans));
+        self.plans = plans;
     }
 
     /// Steps so far.
@@ -53,7 +60,7 @@ impl<'a> Chain<'a> {
         // What one step alone is too weak for is heard with those about it, and its turning is not known.
         let alone = match self.weights.len() {
             1 => Vec::new(),
-            _ => hear(self.plans, self.analysis, &[(1.0, &held)], 0, &mut self.scratch),
+            _ => hear(&self.plans, self.analysis, &[(1.0, &held)], 0, &mut self.scratch),
         };
         let sines = alone.iter().map(|joined| (joined.arrival.sine, joined.arrival.sd)).collect();
         self.held.push_back((held, sines));
@@ -83,7 +90,7 @@ impl<'a> Chain<'a> {
 
     /// The same of one source.
     fn reach_of(&self, own: (f64, f64), most: usize) -> usize {
-        let near = 0.5 * beam(self.plans);
+        let near = 0.5 * beam(&self.plans);
         let beams = self.plans.iter().map(LinePlan::beam);
         let variance = (WITHIN * beams.fold(f64::INFINITY, f64::min)).powi(2);
         let nearest = |k: Option<usize>, (sine, _): (f64, f64)| {
@@ -120,7 +127,7 @@ impl<'a> Chain<'a> {
             .collect();
         let total: f64 = about.iter().map(|(w, _)| w).sum();
         let t_s = about.iter().map(|(w, held)| w * held.mean_s()).sum::<f64>() / total;
-        let joined = hear(self.plans, self.analysis, &about, reach, &mut self.scratch);
+        let joined = hear(&self.plans, self.analysis, &about, reach, &mut self.scratch);
         let within_s2 = self.analysis.step_s.powi(2) / 12.0;
         let variance_s2 =
             about.iter().map(|(w, h)| w * ((h.mean_s() - t_s).powi(2) + within_s2)).sum::<f64>();

@@ -98,7 +98,10 @@ mod tests {
         assert!(doubts(&well, SEARCH.eta).is_empty(), "{well:?}");
         let spacing = found(0.75 / 0.70, usize::MAX, 0.0);
         let said = doubts(&spacing, SEARCH.eta);
-        assert!(at_limit(&spacing, SEARCH.eta) && said.iter().any(|s| s.contains("spacing_m")), "{spacing:?}");
+        assert!(
+            at_limit(&spacing, SEARCH.eta) && said.iter().any(|s| s.contains("spacing_m")),
+            "{spacing:?}"
+        );
         let wrong = found(1.0, 7, 0.0);
         let said = doubts(&wrong, SEARCH.eta);
         assert!(said.len() == 1 && said[0].contains("contradict"), "{said:?} {wrong:?}");

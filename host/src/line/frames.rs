@@ -17,8 +17,10 @@ pub(super) struct Band {
 }
 
 /// The transforms of a step.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Held {
+    /// Sensors, one a bit, whose samples never changed in any of its frames.
+    pub(super) flat: u32,
     /// Sum of the middles of its frames, seconds since the first sample.
     sum_s: f64,
     /// By frequency.
@@ -26,6 +28,11 @@ pub(super) struct Held {
 }
 
 impl Held {
+    /// Nothing yet, of so many frequencies.
+    fn new(bands: usize) -> Self {
+        Self { flat: u32::MAX, sum_s: 0.0, bands: vec![Band::default(); bands] }
+    }
+
     /// Frames.
     pub(super) fn len(&self) -> usize {
         self.bands.first().map_or(0, |b| b.values.len())
@@ -59,6 +66,8 @@ pub(super) struct Frames {
     /// Index of the next instant.
     next: u64,
     held: Held,
+    /// Sensors whose samples do not change in the newest frame.
+    flat: u32,
     /// The transforms of the newest frame, and its middle.
     newest: Vec<[Snapshot; 2]>,
     middle: u64,
@@ -81,7 +90,8 @@ impl Frames {
         Self {
             sensors,
             rate_hz,
-            held: Held { sum_s: 0.0, bands: vec![Band::default(); kernels.len()] },
+            held: Held::new(kernels.len()),
+            flat: 0,
             newest: vec![[[Complex::ZERO; MAX_SENSORS]; 2]; kernels.len()],
             middle: 0,
             kernels,
@@ -110,7 +120,7 @@ impl Frames {
         self.samples.clear();
     }
 
-    /// Takes an instant; where a frame is complete with it, the index of the frame's middle.
+    /// Takes an instant; where a frame is complete with it, the index of the frame's middle. One in which no sensor recorded anything is lost.
     pub(super) fn take(&mut self, instant: &[f64]) -> Option<u64> {
         self.next += 1;
         if instant.iter().any(|x| x.is_nan()) {
@@ -120,6 +130,11 @@ impl Frames {
         }
         self.samples.extend_from_slice(instant);
         if self.samples.len() < self.length * self.sensors {
+            return None;
+        }
+        self.flat = self.unchanged();
+        if self.flat.count_ones() as usize >= self.sensors {
+            self.drop_frame();
             return None;
         }
         let n = self.length as f64;
@@ -145,8 +160,20 @@ impl Frames {
         Some(self.middle)
     }
 
+    /// Sensors whose samples are the same throughout the frame, one a bit.
+    fn unchanged(&self) -> u32 {
+        let mut instants = self.samples.chunks_exact(self.sensors);
+        let first = instants.next().unwrap_or_default();
+        let all = if self.sensors < 32 { (1u32 << self.sensors) - 1 } else { u32::MAX };
+        instants.fold(all, |flat, instant| {
+            let changed = instant.iter().zip(first).enumerate().filter(|(_, (a, b))| a != b);
+            changed.fold(flat, |flat, (k, _)| flat & !(1 << k))
+        })
+    }
+
     /// The newest frame belongs to the current step.
     pub(super) fn keep(&mut self) {
+        self.held.flat &= self.flat;
         self.held.sum_s += self.middle as f64 / self.rate_hz;
         for (band, [values, slopes]) in self.held.bands.iter_mut().zip(&self.newest) {
             band.values.push(*values);
@@ -156,8 +183,7 @@ impl Frames {
 
     /// The transforms of the step that is complete; the next begins.
     pub(super) fn hand_over(&mut self) -> Held {
-        let next = Held { sum_s: 0.0, bands: vec![Band::default(); self.kernels.len()] };
-        std::mem::replace(&mut self.held, next)
+        std::mem::replace(&mut self.held, Held::new(self.kernels.len()))
     }
 
     /// Instants used so far.

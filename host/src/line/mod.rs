@@ -13,6 +13,7 @@ mod chain;
 pub mod doubts;
 mod frames;
 pub mod known;
+mod live;
 pub mod picture;
 pub mod records;
 pub mod weights;
@@ -23,7 +24,8 @@ use crate::recording::Asked;
 use crate::station::Station;
 use anyhow::{Result, anyhow, bail};
 use chain::Chain;
-use frames::{Frames, half_lobe_hz};
+use frames::{Frames, Held, half_lobe_hz};
+use live::{Run, Tally, longest, only};
 use seabearing_core::config::{Kind, LineConfig};
 use seabearing_locate::line::{LinePlan, MusicMethod};
 use std::path::PathBuf;
@@ -122,6 +124,27 @@ pub struct Line {
     plans: Vec<LinePlan>,
     analysis: Analysis,
     rate_hz: f64,
+    spacing_m: f64,
+    sound_speed_m_s: f64,
+}
+
+/// What each frequency is looked at with, of so many sensors.
+fn plans(sensors: usize, spacing_m: f64, sound_speed_m_s: f64, analysis: &Analysis) -> Result<Vec<LinePlan>> {
+    let plan = |frequency_hz: &f64| {
+        let plan = LinePlan::new(
+            sensors,
+            spacing_m,
+            *frequency_hz,
+            sound_speed_m_s,
+            analysis.subarrays,
+            analysis.forgetting,
+            analysis.sources,
+        );
+        let above = half_lobe_hz(analysis.frame_s) / frequency_hz;
+        plan.map(|plan| plan.counting().hearing_above(above))
+            .map_err(|e| anyhow!("[line] at {frequency_hz} Hz: {e}"))
+    };
+    analysis.frequencies_hz.iter().map(plan).collect()
 }
 
 impl Line {
@@ -147,28 +170,15 @@ impl Line {
         }
         check_frequencies(&analysis, rate_hz)?;
         let sensors = usize::from(sensors);
-        let plan = |frequency_hz: &f64| {
-            let plan = LinePlan::new(
-                sensors,
-                spacing_m,
-                *frequency_hz,
-                config.sound_speed_m_s,
-                analysis.subarrays,
-                analysis.forgetting,
-                analysis.sources,
-            );
-            let above = half_lobe_hz(analysis.frame_s) / frequency_hz;
-            plan.map(|plan| plan.counting().hearing_above(above))
-                .map_err(|e| anyhow!("[line] at {frequency_hz} Hz: {e}"))
-        };
-        let plans = analysis.frequencies_hz.iter().map(plan).collect::<Result<Vec<_>>>()?;
+        let plans = plans(sensors, spacing_m, config.sound_speed_m_s, &analysis)?;
         let channels: Vec<u8> = match analysis.channels.is_empty() {
             true => (0..sensors as u8).collect(),
             false => analysis.channels.clone(),
         };
         let source = Wide::find(paths, station, asked, &channels)?;
         let frames = Frames::new(sensors, rate_hz, analysis.frame_s, &analysis.frequencies_hz);
-        Ok(Self { source, frames, plans, analysis, rate_hz })
+        let sound_speed_m_s = config.sound_speed_m_s;
+        Ok(Self { source, frames, plans, analysis, rate_hz, spacing_m, sound_speed_m_s })
     }
 
     /// UTC of the first sample, where the recording has a clock.
@@ -184,7 +194,16 @@ impl Line {
         let seconds = |n: u64| (n as f64 / self.rate_hz) as u64;
         let bar = progress::bar(self.source.expected_end().map_or(0, seconds), "processing");
         let mut block = Vec::new();
-        let mut chain = Chain::new(&self.plans, &self.analysis);
+        let sensors = self.frames.sensors();
+        let mut steps = Steps {
+            chain: Chain::new(self.plans.clone(), &self.analysis),
+            run: Some((0, sensors)),
+            tally: Tally::new(sensors, self.spacing_m),
+            plans: |run: Run| match run.1 == sensors {
+                true => Some(self.plans.clone()),
+                false => plans(run.1, self.spacing_m, self.sound_speed_m_s, &self.analysis).ok(),
+            },
+        };
         let step_samples = (self.analysis.step_s * self.rate_hz).max(1.0);
         let step_of = |index: u64| (index as f64 / step_samples) as u64;
         let mut current: Option<u64> = None;
@@ -196,9 +215,9 @@ impl Line {
                 let Some(middle) = frames.take(instant) else { continue };
                 let step = step_of(middle);
                 if let Some(before) = current.filter(|before| *before != step) {
-                    chain.step(frames.hand_over(), &mut sink)?;
+                    steps.take(frames.hand_over(), &mut sink)?;
                     if step > before + 1 {
-                        chain.end(&mut sink)?;
+                        steps.chain.end(&mut sink)?;
                     }
                 }
                 current = Some(step);
@@ -206,12 +225,45 @@ impl Line {
             }
         }
         if current.is_some() {
-            chain.step(frames.hand_over(), &mut sink)?;
+            steps.take(frames.hand_over(), &mut sink)?;
         }
-        chain.end(&mut sink)?;
+        steps.chain.end(&mut sink)?;
         bar.finish_and_clear();
-        let steps = chain.steps();
-        Ok(Summary { steps, used: frames.used(), lost: frames.lost() })
+        if let Some(line) = steps.tally.said() {
+            log::warn!("{line}");
+        }
+        Ok(Summary { steps: steps.chain.steps(), used: frames.used(), lost: frames.lost() })
+    }
+}
+
+/// Steps on their way to the chain, each with the sensors that record in it.
+struct Steps<'a, P> {
+    chain: Chain<'a>,
+    /// Sensors that the chain's plans are of; `None`: too few for any.
+    run: Option<Run>,
+    tally: Tally,
+    /// The plans of a run.
+    plans: P,
+}
+
+impl<P: Fn(Run) -> Option<Vec<LinePlan>>> Steps<'_, P> {
+    /// Hands on a step. With other sensors than before it begins anew.
+    fn take(&mut self, mut held: Held, sink: &mut impl FnMut(LineBearing) -> Result<()>) -> Result<()> {
+        let run = longest(held.flat, self.tally.sensors());
+        if self.run != Some(run) {
+            self.chain.end(sink)?;
+            let plans = (self.plans)(run);
+            self.run = plans.is_some().then_some(run);
+            if let Some(plans) = plans {
+                self.chain.plan(plans);
+            }
+        }
+        self.tally.take(held.flat, run, self.run.is_some());
+        if self.run.is_none() {
+            return Ok(());
+        }
+        only(&mut held, run);
+        self.chain.step(held, sink)
     }
 }
 

@@ -302,3 +302,32 @@ fn tones_beside_the_named_frequencies_are_read_at_their_own() {
         assert!(late_s.abs() < 0.04 && standardised < 1.5, "{beside} Hz: {late_s} s, {standardised}");
     }
 }
+
+#[test]
+fn dead_sensors_are_left_out_and_silence_has_no_bearing() {
+    let folder = folder("dead");
+    let file = folder.join("dead.wav");
+    let rate = RATE_HZ as usize;
+    let whole = recording(24, 9, &|t| vec![sine(t)], 0.5);
+    // Three sensors record nothing, from the sixth second on.
+    let mut dead = whole.clone();
+    for instant in &mut dead[6 * rate..] {
+        instant[5..8].fill(0.0);
+    }
+    write(&file, &dead, &IN_ORDER);
+    let (bearings, summary) = heard(&three(), std::slice::from_ref(&file));
+    assert_eq!(summary.steps, 24);
+    let ghosts = bearings.iter().filter(|b| (b.sine - sine(b.t_s)).abs() > 5.0 * b.sd).count();
+    assert!(ghosts == 0 && bearings.len() == 24, "{ghosts} of {}: {bearings:?}", bearings.len());
+    // Nothing at all for eight seconds.
+    let mut silent = whole;
+    for instant in &mut silent[8 * rate..16 * rate] {
+        instant.fill(0.0);
+    }
+    write(&file, &silent, &IN_ORDER);
+    let (bearings, summary) = heard(&three(), &[file]);
+    assert_eq!((summary.steps, summary.lost), (16, 8 * u64::from(RATE_HZ)));
+    assert!(bearings.iter().all(|b| !(8.0..16.0).contains(&b.t_s)), "{bearings:?}");
+    assert!(bearings.iter().all(|b| (b.sine - sine(b.t_s)).abs() < 5.0 * b.sd), "{bearings:?}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
