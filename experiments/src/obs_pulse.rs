@@ -153,10 +153,10 @@ fn run(options: &Options) -> Result<()> {
             &Fixed(spectrum.0, 1),
             &Fixed(spectrum.1, 1),
             &Fixed(fit.form.f0_hz, 2),
-            &Fixed(fit.f0_sd_hz, 2),
+            &Fixed(fit.f0_sd_hz.unwrap_or(f64::NAN), 2),
             &Fixed(truth.f0_hz, 2),
             &Fixed(fit.form.width_s, 4),
-            &Fixed(fit.width_sd_s, 4),
+            &Fixed(fit.width_sd_s.unwrap_or(f64::NAN), 4),
             &Fixed(truth.width_s, 4),
             &fit.pieces,
         ]);

@@ -173,8 +173,13 @@ fn summary(table: &Propagation, args: &Args) {
                 by_floor.join(", ")
             )
         };
+        let pulse = if table.f0_hz == crate::propagation::F0_HZ {
+            "RR03's".to_owned()
+        } else {
+            format!("about {} Hz as told, as wide as RR03's", table.f0_hz)
+        };
         println!(
-            "strengths: those of RR03 (paper O, Table II), ranges times {ratio:.3} for the depth{floor}; pulse: RR03's; measure this \
+            "strengths: those of RR03 (paper O, Table II), ranges times {ratio:.3} for the depth{floor}; pulse: {pulse}; measure this \
              station's with `propagation fit`"
         );
     }

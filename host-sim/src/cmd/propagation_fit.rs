@@ -64,6 +64,15 @@ pub fn run(args: Args) -> Result<()> {
         );
     }
     look_along(&args, &envelopes, &courses, &table)?;
+    for (name, law) in NAMES.iter().zip(&fitted).filter_map(|(name, b)| Some((name, b.law?))) {
+        if !law.is_one() {
+            bail!(
+                "branch {name}: the law that fits best is {:.1e} high, and a pulse in the cepstrum at most 1: what was measured is no \
+                 strength along these tracks. Nothing was written",
+                law.peak()
+            );
+        }
+    }
     if !args.keep_pulse {
         let pulse = Pieces::collect(&frames, &courses, &table).fit();
         report_pulse(&args, &table, pulse.as_ref());
@@ -98,12 +107,10 @@ fn look_along(
     let tracks = args.tracks.display();
     match (along.echoes(), elsewhere) {
         (true, None) => Ok(()),
-        (true, Some(there)) => {
-            log::warn!(
-                "{tracks}: the recording holds clearly more echoes along the same tracks {there}: are times and places right?"
-            );
-            Ok(())
-        }
+        (true, Some(there)) => bail!(
+            "{tracks}: the recording holds clearly more echoes along the same tracks {there}: are times and places right, and is the \
+             table that of this water? Nothing was written"
+        ),
         (false, Some(there)) => bail!(
             "{tracks}: the recording holds no echoes along these tracks, but along the same tracks {there}: are times and places \
              right? Nothing was written"
@@ -116,14 +123,21 @@ fn look_along(
 }
 
 fn report_pulse(args: &Args, table: &Propagation, pulse: Option<&PulseFit>) {
-    let f0_sd = pulse.filter(|p| !p.f0_at_limit()).map(|p| p.f0_sd_hz);
-    let width_sd = pulse.filter(|p| !p.width_at_limit()).map(|p| p.width_sd_s);
-    for (name, sd) in [("centre frequency", f0_sd), ("width", width_sd)] {
-        if pulse.is_some() && sd.is_none() {
-            log::warn!(
-                "the pulse's {name} is at the limit of the search: it is not determined, and its deviation is not known"
-            );
-        }
+    let f0_sd = pulse.filter(|p| !p.f0_at_limit()).and_then(|p| p.f0_sd_hz);
+    let width_sd = pulse.filter(|p| !p.width_at_limit()).and_then(|p| p.width_sd_s);
+    let at_limit = [
+        ("centre frequency", PulseFit::f0_at_limit as fn(&PulseFit) -> bool),
+        ("width", PulseFit::width_at_limit),
+    ];
+    for (name, _) in at_limit.iter().filter(|(_, at)| pulse.is_some_and(at)) {
+        log::warn!(
+            "the pulse's {name} is at the limit of the search: it is not determined, and its deviation is not known"
+        );
+    }
+    if pulse.is_some_and(|p| p.f0_sd_hz.is_none()) {
+        log::warn!(
+            "too little of the recording shows the pulse: how far parts of it differ, and so its deviation, is not known"
+        );
     }
     if args.json {
         println!(

@@ -25,6 +25,15 @@ const YARDSTICK: f64 = 0.9;
 const ECHOES: f64 = 2.0;
 /// Elsewhere they are if so many times the middle of what chance hears is heard there.
 const ELSEWHERE: f64 = 20.0;
+/// Step and number of short shifts on either side that halves of a recording are compared along, s.
+const SHORT_S: f64 = 5.0;
+const SHORT: i32 = 12;
+/// Tracks are late where both halves say so by more than this, and to within so much of each other, s: a second's way is a tenth of what a
+/// pulse is wide at the ranges that tell most.
+const LATE_S: f64 = 7.0;
+const ALIKE_S: f64 = 10.0;
+/// A half of a recording is every second stretch so long, s.
+const STRETCH_S: f64 = 600.0;
 /// Another time or scale is better where so many times as much is heard there.
 const BETTER: f64 = 1.2;
 /// Most frames of a recording that are looked at; of longer ones every second, third and so on.
@@ -71,6 +80,11 @@ impl Along {
         let by_chance = quantile(&mut chance, YARDSTICK)?;
         let echoes = most > ECHOES * by_chance && (here > ECHOES * by_chance || most > ELSEWHERE * middle);
         let elsewhere = (echoes && most > BETTER * here).then_some(place);
+        let along = here > ECHOES * by_chance;
+        let elsewhere = elsewhere.or_else(|| {
+            let later_s = if along { late(&few, courses, table) } else { None };
+            later_s.map(|later_s| Elsewhere { later_s, scale: 1.0 })
+        });
         Some(Self { heard: here, by_chance, elsewhere })
     }
 
@@ -78,6 +92,22 @@ impl Along {
     pub fn echoes(&self) -> bool {
         self.heard > ECHOES * self.by_chance
     }
+}
+
+/// By how much later than told vessels were there, where the halves of a recording agree on it, s.
+fn late(envelopes: &Envelopes, courses: &[VesselCourse], table: &Propagation) -> Option<f64> {
+    let best = |half: &Envelopes| {
+        let at = |k: i32| {
+            let later_s = SHORT_S * f64::from(k);
+            let moved: Vec<_> = courses.iter().map(|c| c.moved(later_s, 1.0)).collect();
+            heard(&half.cells(&moved, table)).map(|heard| (later_s, heard))
+        };
+        (-SHORT..=SHORT).filter_map(at).max_by(|a, b| a.1.total_cmp(&b.1)).map(|(later_s, _)| later_s)
+    };
+    let (a, b) = envelopes.halves(STRETCH_S);
+    let (a, b) = (best(&a)?, best(&b)?);
+    let late = a.abs().min(b.abs()) > LATE_S && (a - b).abs() <= ALIKE_S;
+    late.then_some(0.5 * (a + b))
 }
 
 /// Mean over cells of the squared deviations of noise alone by which a cell's noncentrality λ is above it; `None` of no cell.
@@ -126,6 +156,10 @@ mod tests {
         let heard = envelopes(vec![ship], 5);
         let right = look(&heard, told.clone());
         assert!(right.echoes() && right.elsewhere.is_none(), "{right:?}");
+        for late_s in [-20.0, 15.0, 45.0] {
+            let late = look(&heard, told.moved(late_s, 1.0));
+            assert!(late.elsewhere.is_some_and(|e| (e.later_s + late_s).abs() <= 15.0), "{late_s}: {late:?}");
+        }
         let late = look(&heard, told.moved(600.0, 1.0));
         assert!(!late.echoes(), "{late:?}");
         assert_eq!(late.elsewhere, Some(Elsewhere { later_s: -600.0, scale: 1.0 }));

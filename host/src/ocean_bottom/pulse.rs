@@ -4,8 +4,9 @@
 //! Enters: frames of a recording and the courses of its vessels. About the delay of each branch, at the range the vessel
 //! had when it sent, the cepstrum is `a cos(2π f0 d − φ) exp(−d²/Δτ²)` of the distance d from the delay, with φ of the
 //! table. In each cell of range of each branch the best amplitude a ≥ 0 is taken in closed form; f0 and Δτ are those with
-//! which all cells together explain most, found on a grid and then by steps that halve. The deviations are those of
-//! the same fit on halves of the cells.
+//! which all cells together explain most, found on a grid and then by steps that halve. The deviations are the scatter of
+//! the same fit among [`PARTS`] parts of the recording, one after the other, not that of their mean: what a part of a passage, a
+//! table a little off or tracks a little late make of the pulse is alike in many cells, and does not go down with their number.
 
 use super::stages::SpectralFrame;
 use super::strengths::{APART_S, CELL_M, CELLS, alone, at_emission};
@@ -26,6 +27,10 @@ const CENTRES_HZ: (f64, f64) = (4.0, 24.0);
 
 /// Fewest frames that give a pulse.
 const LEAST: usize = 100;
+
+/// Parts of a recording that are compared, and how many of them must show the pulse.
+const PARTS: usize = 6;
+const LEAST_PARTS: usize = 3;
 
 /// Form of a pulse.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,11 +114,11 @@ impl Pieces {
         self.0.is_empty()
     }
 
-    /// For each cell whose number is `part` of two (2: all): the projection on a form, its energy, and the number of pieces.
-    fn cells(&self, form: &PulseForm, part: usize) -> Vec<(f64, f64, usize)> {
-        let cells = self.0.iter().map(|p| p.cell + 1).max().unwrap_or(0);
+    /// For each cell: the projection on a form, its energy, and the number of pieces.
+    fn cells(pieces: &[Piece], form: &PulseForm) -> Vec<(f64, f64, usize)> {
+        let cells = pieces.iter().map(|p| p.cell + 1).max().unwrap_or(0);
         let mut sums = vec![(0.0, 0.0, 0); cells];
-        for p in self.0.iter().filter(|p| part > 1 || p.cell % 2 == part) {
+        for p in pieces {
             let slot: &mut (f64, f64, usize) = &mut sums[p.cell];
             for (off_s, y) in p.points {
                 let m = form.at(off_s, p.delay_s, p.phase);
@@ -127,12 +132,17 @@ impl Pieces {
 
     /// Twice the log-likelihood ratio that a form reaches, each cell with its best strength.
     pub fn explained(&self, form: &PulseForm) -> f64 {
-        self.part(form, 2)
+        Self::part(&self.0, form)
     }
 
-    fn part(&self, form: &PulseForm, part: usize) -> f64 {
+    fn part(pieces: &[Piece], form: &PulseForm) -> f64 {
         let of_cell = |(xy, xx, _): (f64, f64, usize)| if xx > 0.0 { xy.max(0.0).powi(2) / xx } else { 0.0 };
-        self.cells(form, part).into_iter().map(of_cell).sum()
+        Self::cells(pieces, form).into_iter().map(of_cell).sum()
+    }
+
+    /// What noise alone reaches: half a degree of freedom a cell, and two for the form.
+    fn noise(pieces: &[Piece], form: &PulseForm) -> f64 {
+        0.5 * Self::cells(pieces, form).iter().filter(|c| c.2 > 0).count() as f64 + 2.0
     }
 
     /// f0 (Hz), Δτ (s) and their standard deviations; `None` of fewer than a hundred pieces, or where no cell stands out.
@@ -140,32 +150,38 @@ impl Pieces {
         if self.len() < LEAST {
             return None;
         }
-        let form = self.best(2);
+        let form = Self::best(&self.0);
         let explained = self.explained(&form);
-        // What noise alone reaches: half a degree of freedom a cell, and two for the form.
-        let noise = 0.5 * self.cells(&form, 2).iter().filter(|c| c.2 > 0).count() as f64 + 2.0;
-        if explained < 4.0 * noise {
+        if explained < 4.0 * Self::noise(&self.0, &form) {
             return None;
         }
-        let (even, odd) = (self.best(0), self.best(1));
-        // The whole errs by half of what its halves differ.
-        let sd = |a: f64, b: f64| 0.5 * (a - b).abs();
+        // Pieces are in order of time.
+        let parts = self.0.chunks(self.len().div_ceil(PARTS));
+        let parts: Vec<PulseForm> = parts
+            .map(|pieces| (pieces, Self::best(pieces)))
+            .filter(|(pieces, form)| Self::part(pieces, form) >= 4.0 * Self::noise(pieces, form))
+            .map(|(_, form)| form)
+            .collect();
+        let scatter = |of: fn(&PulseForm) -> f64| {
+            let squares: f64 = parts.iter().map(|p| (of(p) - of(&form)).powi(2)).sum();
+            (parts.len() >= LEAST_PARTS).then(|| (squares / (parts.len() - 1) as f64).sqrt())
+        };
         Some(PulseFit {
             form,
-            f0_sd_hz: sd(even.f0_hz, odd.f0_hz),
-            width_sd_s: sd(even.width_s, odd.width_s),
+            f0_sd_hz: scatter(|p| p.f0_hz),
+            width_sd_s: scatter(|p| p.width_s),
             explained,
             pieces: self.len(),
         })
     }
 
-    fn best(&self, part: usize) -> PulseForm {
+    fn best(pieces: &[Piece]) -> PulseForm {
         let mut best = (PulseForm { f0_hz: 0.0, width_s: 0.0, written: Written::Own }, f64::NEG_INFINITY);
         let consider = |f0_hz: f64, width_s: f64, best: &mut (PulseForm, f64)| -> bool {
             let allowed =
                 (CENTRES_HZ.0..=CENTRES_HZ.1).contains(&f0_hz) && (NARROWEST_S..=WIDEST_S).contains(&width_s);
             let form = PulseForm { f0_hz, width_s, written: Written::Own };
-            let score = if allowed { self.part(&form, part) } else { f64::NEG_INFINITY };
+            let score = if allowed { Self::part(pieces, &form) } else { f64::NEG_INFINITY };
             let better = score > best.1;
             if better {
                 *best = (form, score);
@@ -194,8 +210,7 @@ impl Pieces {
     /// where there is none. 1 is a form that leaves nothing.
     pub fn correlation(&self, form: &PulseForm, own: &PulseForm) -> Option<f64> {
         const STEPS: usize = 61;
-        let strong: Vec<f64> = self
-            .cells(own, 2)
+        let strong: Vec<f64> = Self::cells(&self.0, own)
             .into_iter()
             .map(|(xy, xx, _)| if xy > 4.0 * xx.sqrt() { xy / xx } else { 0.0 })
             .collect();
@@ -233,10 +248,10 @@ impl Pieces {
 pub struct PulseFit {
     /// Its form.
     pub form: PulseForm,
-    /// Standard deviation of f0, Hz.
-    pub f0_sd_hz: f64,
-    /// Standard deviation of Δτ, s.
-    pub width_sd_s: f64,
+    /// Standard deviation of f0, Hz; `None` where too few parts of the recording show the pulse.
+    pub f0_sd_hz: Option<f64>,
+    /// Standard deviation of Δτ, s; likewise.
+    pub width_sd_s: Option<f64>,
     /// Twice the log-likelihood ratio reached.
     pub explained: f64,
     /// Cepstra about a delay that were used.
@@ -291,6 +306,28 @@ mod tests {
             pieces(PulseForm { f0_hz: 12.0, width_s: 0.09, written: Written::Own }, 0.7).fit().unwrap();
         assert!(wide.width_at_limit() && !wide.f0_at_limit(), "{wide:?}");
         assert_eq!(pieces(PulseForm { f0_hz: 15.0, width_s: 0.05, written: Written::Own }, 0.0).fit(), None);
+    }
+
+    #[test]
+    fn a_pulse_that_is_not_one_all_along_is_as_uncertain_as_its_parts_differ() {
+        let of = |f0_hz: f64| pieces(PulseForm { f0_hz, width_s: 0.04, written: Written::Own }, 0.7).0;
+        let steady = Pieces(of(15.0)).fit().unwrap();
+        assert!(steady.f0_sd_hz.unwrap() < 0.8 && steady.width_sd_s.unwrap() < 0.003, "{steady:?}");
+        // As of a vessel that comes nearer: halves of the cells would agree to a hundredth.
+        let other = Pieces(of(14.0).into_iter().chain(of(16.0)).collect()).fit().unwrap();
+        assert!((0.7..1.8).contains(&other.f0_sd_hz.unwrap()), "{other:?}");
+        let few = Pieces(of(15.0).into_iter().chain(pieces_of_nothing(16_000)).collect()).fit().unwrap();
+        assert_eq!((few.f0_sd_hz, few.width_sd_s), (None, None), "{few:?}");
+    }
+
+    /// Pieces without a pulse or noise.
+    fn pieces_of_nothing(count: usize) -> impl Iterator<Item = Piece> {
+        (0..count).map(|i| Piece {
+            cell: i % 20,
+            delay_s: 1.0,
+            phase: 0.0,
+            points: [(0.0, 0.0); 2 * REACH + 1],
+        })
     }
 
     #[test]

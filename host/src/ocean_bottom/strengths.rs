@@ -81,6 +81,15 @@ impl Envelopes {
         Self(self.0.iter().step_by(every).cloned().collect())
     }
 
+    /// Every second stretch of so many seconds, and the others.
+    pub fn halves(&self, stretch_s: f64) -> (Self, Self) {
+        let first = |(t_s, _): &&(f64, Vec<f64>)| (t_s / stretch_s) as i64 % 2 == 0;
+        (
+            Self(self.0.iter().filter(first).cloned().collect()),
+            Self(self.0.iter().filter(|e| !first(e)).cloned().collect()),
+        )
+    }
+
     /// Measured strengths of every branch of a table along courses.
     pub fn cells(&self, courses: &[VesselCourse], table: &Propagation) -> Vec<Vec<Cell>> {
         let branches = table.strengths.len();

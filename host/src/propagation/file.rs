@@ -181,6 +181,9 @@ fn unit_of_speed(speed_m_s: f64, name: &str) -> Result<()> {
     }
 }
 
+/// Highest centre frequency, Hz: stations work at 62.5 samples a second at most.
+const HIGHEST_F0_HZ: f64 = 31.25;
+
 /// What every table must satisfy.
 ///
 /// # Errors
@@ -189,7 +192,7 @@ pub fn check(table: &Propagation, name: &str) -> Result<()> {
     let positive = [
         ("depth_m", table.depth_m, 50.0, 12_000.0),
         ("step_m", table.step_m, 1.0, 2000.0),
-        ("f0_hz", table.f0_hz, 0.5, 500.0),
+        ("f0_hz", table.f0_hz, 0.5, HIGHEST_F0_HZ),
         ("width_s", table.width_s, 0.001, 1.0),
     ];
     for (key, x, lo, hi) in positive {
@@ -210,6 +213,13 @@ pub fn check(table: &Propagation, name: &str) -> Result<()> {
     for s in &table.strengths {
         if !(s.scale_m > 0.0 && s.k_m >= 0.0 && s.shape.is_finite() && s.location_m.is_finite()) {
             bail!("{name}: a strength needs k_m of 0 or more and scale_m above 0, {s:?} was given");
+        }
+        if !s.is_one() {
+            bail!(
+                "{name}: the strength of k_m {:.3e} is {:.3e} high: a pulse in the cepstrum is at most 1",
+                s.k_m,
+                s.peak()
+            );
         }
     }
     for p in &table.paths {
@@ -280,5 +290,11 @@ mod tests {
         assert!(e.contains("29.5 km") && e.contains("50.0"), "{e}");
         let e = parse(&format(&table).replace("width_s", "width_ms"), "t.toml").unwrap_err().to_string();
         assert!(e.contains("width_ms") && e.contains("line"), "{e}");
+        let mut high = table.clone();
+        high.strengths[0].k_m = 5.8e21;
+        let e = check(&high, "t").unwrap_err().to_string();
+        assert!(e.contains("at most 1"), "{e}");
+        let e = check(&Propagation { f0_hz: 200.0, ..table }, "t").unwrap_err().to_string();
+        assert!(e.contains("f0_hz is 200"), "{e}");
     }
 }

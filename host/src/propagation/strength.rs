@@ -110,11 +110,30 @@ impl SkewNormal {
         let cumulative = 0.5 * erfc(-self.shape * z / std::f64::consts::SQRT_2);
         2.0 * self.k_m / self.scale_m * normal * cumulative
     }
+
+    /// Greatest strength at any range.
+    pub fn peak(&self) -> f64 {
+        let places = (-500..=500).map(|i| self.location_m + 0.01 * f64::from(i) * self.scale_m);
+        places.filter(|r| *r >= 0.0).map(|r| self.at(r)).fold(0.0, f64::max)
+    }
+
+    /// Whether it can be the height of a pulse in the cepstrum: two paths of like amplitude, and nothing else, make one of 1.
+    pub fn is_one(&self) -> bool {
+        self.peak() <= 1.0
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_higher_than_a_pulse_can_be_is_no_strength() {
+        assert!(RR03.iter().all(SkewNormal::is_one));
+        assert!((RR03[0].peak() - 0.083).abs() < 1e-3);
+        let far = SkewNormal { k_m: 5.8e21, shape: 0.0, location_m: 90_000.0, scale_m: 4_000.0 };
+        assert!(!far.is_one() && far.at(20_000.0) < 1e-30 * far.peak(), "{}", far.at(20_000.0));
+    }
 
     #[test]
     fn peaks_of_the_paper() {
