@@ -63,11 +63,10 @@ impl Excess {
     ) -> Self {
         let mut bursts = [[0f32; 3]; BURSTS];
         let mut past = [[[0f32; 4]; 2]; USED_CHANNELS];
-        let notes = &calls.notes;
         for (half, [p, n, e]) in bursts.chunks_exact_mut(BURSTS / 2).zip([old, new]) {
             for (k, ((p, n), e)) in p.iter().zip(n).zip(e).enumerate() {
                 let [of_p, of_n, of_e] = &mut past;
-                let (p, n, e) = (notes.filter(of_p, *p), notes.filter(of_n, *n), notes.filter(of_e, *e));
+                let [p, n, e] = [(of_p, p), (of_n, n), (of_e, e)].map(|(past, x)| in_band(calls, past, *x));
                 if let Some([energy, east, north]) = half.get_mut(k / BURST) {
                     *energy += p * p;
                     *east += p * e;
@@ -83,20 +82,12 @@ impl Excess {
         // The mean of all, then of those not far above it.
         let (mut most, mut count, mut mean) = (f32::INFINITY, 0f32, [0f32; 3]);
         for _ in 0..ROUNDS {
-            (count, mean) = (0.0, [0.0; 3]);
-            for b in bursts.iter().filter(|b| b[0] <= most) {
-                count += 1.0;
-                mean.iter_mut().zip(b).for_each(|(m, x)| *m += x);
-            }
+            (count, mean) = sums(bursts, -1.0, most);
             mean = mean.map(|m| m / count);
             most = STEADY * mean[0];
         }
-        let (mut loud, mut sum) = (0f32, [0f32; 3]);
-        for b in bursts.iter().filter(|b| b[0] > LOUD * mean[0]) {
-            loud += 1.0;
-            sum.iter_mut().zip(b.iter().zip(mean)).for_each(|(s, (x, m))| *s += x - m);
-        }
-        let [energy, east, north] = sum;
+        let (loud, sum) = sums(bursts, LOUD * mean[0], f32::INFINITY);
+        let [energy, east, north]: Burst = core::array::from_fn(|k| sum[k] - loud * mean[k]);
         let length = math::f32::sqrt(east * east + north * north);
         if count < LEAST || loud == 0.0 || !(length > 0.0 && length < f32::MAX) {
             return Self::NONE;
@@ -110,6 +101,23 @@ impl Excess {
         let times = loud + loud * loud / count + 2.0 * energy / mean[0];
         Self::new([east, north], math::f32::sqrt(variance * times) / length)
     }
+}
+
+/// How many bursts have more energy than one and no more than another, and their sum.
+#[inline(never)]
+fn sums(bursts: &[Burst], above: f32, most: f32) -> (f32, Burst) {
+    let (mut count, mut sum) = (0.0, [0f32; 3]);
+    for b in bursts.iter().filter(|b| b[0] > above && b[0] <= most) {
+        count += 1.0;
+        sum.iter_mut().zip(b).for_each(|(s, x)| *s += x);
+    }
+    (count, sum)
+}
+
+/// A sample about the notes of whales. Once in the image: three channels share it.
+#[inline(never)]
+fn in_band(calls: &Calls, past: &mut [[f32; 4]; 2], x: f32) -> f32 {
+    calls.notes.filter(past, x)
 }
 
 #[cfg(test)]

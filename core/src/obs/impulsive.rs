@@ -8,7 +8,7 @@
 //! That tells that there is a call, and who else is none. Its azimuth is that of what such bursts add to the sound between them (`bursts.rs`): a
 //! vessel's noise is in a frame's bins too. Cost: 80 k instructions for each frame that may.
 
-use super::limits::{CIRCLE, HOP};
+use super::limits::{CIRCLE, HOP, WINDOW_FRAMES};
 use super::row::Row;
 use crate::math;
 use crate::math::constant::{cos_of_turn, ln};
@@ -30,6 +30,9 @@ const MOST: f32 = 15.0;
 
 /// Directions nearer than this to the best are the same caller's, rad.
 const ONE_CALLER: f32 = 0.6;
+
+/// Its cosine.
+const SAME_CALLER: f32 = 0.825;
 
 /// Natural logarithm of the presence ratio wanted, as for tones.
 const LOG_THRESHOLD: f32 = 9.21;
@@ -207,38 +210,48 @@ pub fn search(bins: usize, turn: f32, rows: &[&Row]) -> Option<Call> {
 
 /// Azimuth, clockwise from the north component, of what bursts add in the frames that may hold a call, and its standard deviation, rad. The
 /// loudest frame tells whose call counts.
+#[inline(never)]
 fn of_bursts(rows: &[&Row]) -> Option<(f32, f32)> {
-    let excesses = || rows.iter().filter(|r| r.may_hold_a_call()).filter_map(|r| r.excess.get());
-    let square = |[x, y]: [f32; 2]| x * x + y * y;
-    let loudest = excesses().map(|(towards, _)| towards).fold([0f32; 2], |loudest, towards| {
-        if square(towards) > square(loudest) { towards } else { loudest }
-    });
-    let along = |[x, y]: [f32; 2], [u, v]: [f32; 2]| x * u + y * v;
-    let least = math::f32::cos(ONE_CALLER);
-    let same = |(towards, _): &([f32; 2], f32)| {
-        along(*towards, loudest)
-            > least * math::f32::sqrt(square(*towards)) * math::f32::sqrt(square(loudest))
-    };
-    let (mut frames, mut sum) = (0f32, [0f32; 2]);
-    for ([x, y], _) in excesses().filter(same) {
-        frames += 1.0;
-        sum = [sum[0] + x, sum[1] + y];
+    let mut heard = [([0f32; 2], 0f32); WINDOW_FRAMES];
+    let (mut loudest, mut most) = ([0f32; 2], 0f32);
+    for (slot, row) in heard.iter_mut().zip(rows.iter().filter(|r| r.may_hold_a_call())) {
+        let Some((towards, sd)) = row.excess.get() else { continue };
+        let length = math::f32::sqrt(along(towards, towards));
+        *slot = (towards, sd * length);
+        if length > most {
+            (loudest, most) = (towards, length);
+        }
     }
-    let length = math::f32::sqrt(square(sum));
+    let (mut frames, mut sum) = (0f32, [0f32; 2]);
+    for (towards, sd) in &mut heard {
+        let length = math::f32::sqrt(along(*towards, *towards));
+        if along(*towards, loudest) > SAME_CALLER * length * most {
+            frames += 1.0;
+            sum = [sum[0] + towards[0], sum[1] + towards[1]];
+        } else {
+            (*towards, *sd) = ([0.0; 2], 0.0);
+        }
+    }
+    let length = math::f32::sqrt(along(sum, sum));
     if !(length > 0.0 && length < f32::MAX) {
         return None;
     }
     let (mut scatter, mut own) = (0f32, 0f32);
-    for (towards, sd) in excesses().filter(same) {
+    for (towards, sd) in heard {
         let across = along(towards, [sum[1], -sum[0]]) / length;
         scatter += across * across;
-        own += sd * sd * square(towards);
+        own += sd * sd;
     }
     // Frames overlap by half: two are worth one. Of few the scatter is not well known either (Student's law).
     let worth = math::greater(0.5 * frames - 1.0, 0.5);
     let few = 1.0 + 0.6 / worth;
     let variance = math::greater(own, scatter * (1.0 + 1.0 / worth) * few * few) * math::lesser(frames, 2.0);
     Some((math::f32::atan2(sum[0], sum[1]), math::f32::sqrt(variance) / length))
+}
+
+/// Product of two vectors.
+fn along([x, y]: [f32; 2], [u, v]: [f32; 2]) -> f32 {
+    x * u + y * v
 }
 
 #[cfg(test)]
