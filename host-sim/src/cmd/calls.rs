@@ -16,7 +16,7 @@ use std::path::PathBuf;
 #[command(after_help = "Example:\n  seabearing calls --station station.toml --json *.mseed\n\
                         A `call` record for each minute about which short notes are heard (fin whales, 15 to 25 Hz), and a `caller` \
                         record for each way that calls with azimuth and range make. The recorder tells the azimuth of calls by \
-                        itself (`azimuth` records, source `impulsive`); ranges are of this command alone.")]
+                        itself (`azimuth` records, source `impulsive`); ranges are of this command alone. Recordings have 50 to 100 samples a second.")]
 pub struct Args {
     /// Station file; its propagation table gives the delays.
     #[arg(long, value_parser = super::input())]

@@ -20,6 +20,8 @@ pub const RADIUS_M: f64 = 100_000.0;
 const CLOSEST_M: f64 = 25_000.0;
 /// Longest leg taken as straight, m: across the area and half its width more, a few hours at sea.
 const LONGEST_LEG_M: f64 = 3.0 * RADIUS_M;
+/// A position follows one of so many before it: longer runs of wrong ones are not looked over.
+const LOOKED_BACK: usize = 100;
 /// Standard deviation of a time told in whole minutes, s.
 const MINUTE_S: f64 = 17.3;
 
@@ -64,20 +66,9 @@ pub fn passages(reports: &[AisReport], origin_deg: (f64, f64)) -> Vec<AisPassage
     for (mmsi, fixes) in tracks(reports, origin_deg) {
         let mut run: Vec<Fix> = Vec::new();
         let mut last: Option<Fix> = None;
-        for (fix, _) in fixes {
-            let Some(from) = last else {
-                last = Some(fix);
-                continue;
-            };
+        for fix in of_one_vessel(&fixes.iter().map(|f| f.0).collect::<Vec<_>>()) {
+            let Some(from) = last.replace(fix) else { continue };
             let (dt, way) = (fix.0 - from.0, (fix.1.0 - from.1.0).hypot(fix.1.1 - from.1.1));
-            if dt < GAP_S && (dt <= 0.0 || way > IMPOSSIBLE_M_S * dt.max(30.0)) {
-                // Two places of which one is wrong: the one outside, or else the newer.
-                if from.1.0.hypot(from.1.1) > RADIUS_M {
-                    last = Some(fix);
-                }
-                continue;
-            }
-            last = Some(fix);
             // What of the leg lies inside the area; a leg without any, or too long to be straight, ends the run.
             let within = (dt < GAP_S && way < LONGEST_LEG_M).then(|| inside(from, fix)).flatten();
             match within {
@@ -96,6 +87,33 @@ pub fn passages(reports: &[AisReport], origin_deg: (f64, f64)) -> Vec<AisPassage
         out.extend(passage(mmsi, run));
     }
     out.sort_by(|a, b| a.cpa_unix_s.total_cmp(&b.cpa_unix_s));
+    out
+}
+
+/// The positions that one vessel can have been at one after the other: the most of them, so that those few are dropped that are wrong. Of as many
+/// the ones inside the area.
+fn of_one_vessel(fixes: &[Fix]) -> Vec<Fix> {
+    let follows = |from: &Fix, to: &Fix| {
+        let (dt, way) = (to.0 - from.0, (to.1.0 - from.1.0).hypot(to.1.1 - from.1.1));
+        dt >= GAP_S || (dt > 0.0 && way <= IMPOSSIBLE_M_S * dt.max(30.0))
+    };
+    // Positions of the longest way that ends with each, those of them inside, and which stands before it.
+    let mut ways: Vec<(usize, usize, Option<usize>)> = Vec::with_capacity(fixes.len());
+    for (k, fix) in fixes.iter().enumerate() {
+        let earlier = (k.saturating_sub(LOOKED_BACK)..k).filter(|j| follows(&fixes[*j], fix));
+        // Of ways as long the one that was gone last.
+        let before = earlier.max_by_key(|j| (ways[*j].0, ways[*j].1, *j));
+        let (count, within) = before.map_or((0, 0), |j| (ways[j].0, ways[j].1));
+        let is_inside = fix.1.0.hypot(fix.1.1) <= RADIUS_M;
+        ways.push((count + 1, within + usize::from(is_inside), before));
+    }
+    let mut at = (0..ways.len()).rev().max_by_key(|k| (ways[*k].0, ways[*k].1));
+    let mut out = Vec::new();
+    while let Some(k) = at {
+        out.push(fixes[k]);
+        at = ways[k].2;
+    }
+    out.reverse();
     out
 }
 
@@ -266,6 +284,27 @@ mod tests {
             assert!(f.windows(2).all(|w| w[1].0 > w[0].0 + 1.0));
             let reach = [f[0], f[f.len() - 1]].map(|f| f.1.0.hypot(f.1.1));
             assert!(reach.iter().all(|r| (r - RADIUS_M).abs() < 1.0), "{reach:?}");
+        }
+    }
+
+    #[test]
+    fn of_places_that_contradict_each_other_the_fewer_are_dropped() {
+        let right = |mmsi: u64| {
+            (0..=100).map(move |k| at(mmsi, 0.06 * f64::from(k), -80.0 + 1.6 * f64::from(k), 10.0))
+        };
+        // A first place inside that is wrong, and a run of wrong ones in between.
+        let mut reports: Vec<AisReport> = std::iter::once(at(1, -0.02, 0.0, 10.0)).chain(right(1)).collect();
+        reports.extend(right(2).take(40));
+        reports.extend((0..4).map(|k| at(2, 2.4 + 0.06 * f64::from(k), -60.0, -8.0)));
+        reports.extend(right(2).skip(44));
+        let found = passages(&reports, (0.0, 0.0));
+        assert_eq!(found.len(), 2);
+        for p in &found {
+            assert!(
+                (p.cpa_unix_s - 3.0 * 3600.0).abs() < 60.0 && (p.cpa_range_m - 10_000.0).abs() < 20.0,
+                "{p:?}"
+            );
+            assert!(p.fixes.len() >= 95 && p.fixes.iter().all(|f| (f.1.1 - 10_000.0).abs() < 20.0), "{p:?}");
         }
     }
 

@@ -79,6 +79,15 @@ impl Times {
         self.day(t_s).map_or_else(|| self.clock(t_s), |day| format!("{day} {}", self.clock(t_s)))
     }
 
+    /// The same with as many digits as its standard deviation is worth, where it counts from the first sample.
+    pub fn to_within(&self, t_s: f64, sd_s: f64) -> String {
+        if self.start.is_some() {
+            return self.dated(t_s);
+        }
+        let digits = (self.unit.0 / sd_s.max(0.5)).log10().ceil().clamp(1.0, 4.0) as usize;
+        format!("{:.digits$} {}", t_s / self.unit.0, self.unit.1)
+    }
+
     /// The same to the minute.
     pub fn minute(&self, t_s: f64) -> String {
         self.day(t_s).map_or_else(|| self.clock(t_s), |day| format!("{day} {}", self.hour_minute(t_s)))
@@ -100,5 +109,19 @@ impl Times {
 
     fn hour_minute(&self, t_s: f64) -> String {
         self.clock(t_s).chars().take(5).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_without_a_clock_has_the_digits_that_its_deviation_is_worth() {
+        let times = Times::new(None, 90_000.0);
+        assert_eq!(times.to_within(17_653.0, 7.0), "4.904 h");
+        assert_eq!(times.to_within(17_653.0, 900.0), "4.9 h");
+        let start = OffsetDateTime::from_unix_timestamp(1_369_094_400).ok();
+        assert_eq!(Times::new(start, 90_000.0).to_within(3600.0, 7.0), "21 May 01:00:00");
     }
 }
