@@ -4,7 +4,7 @@ use super::mistake;
 use super::watched::Watched;
 use crate::ocean_bottom::far::tones::{Listener, Tapped};
 use crate::ocean_bottom::pictures::TruthCurve;
-use crate::ocean_bottom::ships::{ships, told};
+use crate::ocean_bottom::ships::{doubted, ships, told};
 use crate::ocean_bottom::{pages, table};
 use crate::plot::times::Times;
 use crate::propagation::file;
@@ -101,10 +101,14 @@ pub fn run(args: Args) -> Result<()> {
         }
         None => ships(&messages, config, propagation.depth_m, &lines),
     };
+    let (doubted, times) = (doubted(&messages, config.rate_hz), Times::new(start, end_s));
+    for line in told::warnings(&doubted, &times) {
+        log::warn!("{line}");
+    }
     if args.json {
         let records: Vec<_> = found.iter().map(|ship| told::record(ship, start)).collect();
         return super::print_records(&records, true);
     }
-    seabearing_host::print!("{}", told::text(&found, &Times::new(start, end_s), &config.name));
+    seabearing_host::print!("{}", told::text(&found, &doubted, &times, &config.name));
     Ok(())
 }

@@ -8,7 +8,7 @@ use super::evidence::{Evidence, Of};
 use super::far::tones::Listener;
 use super::pictures::{LEAST_MINUTES, TruthCurve};
 use super::presence::{IMPULSIVE, azimuths};
-use super::ships::{self, Ship, Way, belongs, told};
+use super::ships::{self, Doubted, Ship, Way, belongs, told};
 use super::stages;
 use crate::atomic;
 use crate::plot::directions::{Direction, band};
@@ -48,6 +48,9 @@ const NUMBER_ABOVE_KM: f64 = 2.5;
 const NOBODY: RGBColor = RGBColor(60, 60, 60);
 const CALL: RGBColor = RGBColor(214, 0, 200);
 const UNRECORDED: RGBColor = RGBColor(190, 150, 90);
+/// Colour of times at which the station doubted its set-up, and the height of their band as a share of the axis.
+const DOUBTED: RGBColor = RGBColor(214, 40, 20);
+const DOUBTED_HIGH: f64 = 0.04;
 
 /// Goes through a recording for its pages alone, and draws them; the ships, and the files written. Of less than two minutes there are tables and no page.
 ///
@@ -76,12 +79,10 @@ pub fn draw(
     let depth_m = table.depth_m;
     let ships = ships::known(found, messages, config, depth_m, &listener.minutes);
     let end_s = end as f64 / config.rate_hz;
-    let told = Told { config, depth_m, start, end_s, messages, found, ships: &ships, truth };
-    let written = if evidence.minutes() < LEAST_MINUTES {
-        tables(dir, &ships, start, end_s, &config.name)?
-    } else {
-        write(dir, &told, &evidence)?
-    };
+    let doubted = &ships::doubted(messages, config.rate_hz);
+    let told = Told { config, depth_m, start, end_s, messages, found, ships: &ships, doubted, truth };
+    let written =
+        if evidence.minutes() < LEAST_MINUTES { tables(dir, &told)? } else { write(dir, &told, &evidence)? };
     Ok((ships, written))
 }
 
@@ -98,6 +99,8 @@ pub(super) struct Told<'a> {
     pub(super) found: &'a Belonging,
     /// One for each passage.
     pub(super) ships: &'a [Ship],
+    /// When the station doubted its set-up.
+    pub(super) doubted: &'a [Doubted],
     pub(super) truth: &'a [TruthCurve],
 }
 
@@ -106,7 +109,7 @@ pub(super) struct Told<'a> {
 /// # Errors
 /// A file cannot be written.
 pub(super) fn write(dir: &Path, told: &Told<'_>, evidence: &Evidence<'_>) -> Result<Vec<PathBuf>> {
-    let mut written = tables(dir, told.ships, told.start, told.end_s, &told.config.name)?;
+    let mut written = tables(dir, told)?;
     let mut page = |name: &str, span_s: (f64, f64)| -> Result<()> {
         let path = dir.join(format!("{name}.svg"));
         let figures = figures(told, evidence, span_s);
@@ -127,16 +130,11 @@ pub(super) fn write(dir: &Path, told: &Told<'_>, evidence: &Evidence<'_>) -> Res
 ///
 /// # Errors
 /// A file cannot be written.
-pub(super) fn tables(
-    dir: &Path,
-    ships: &[Ship],
-    start: Option<OffsetDateTime>,
-    end_s: f64,
-    station: &str,
-) -> Result<Vec<PathBuf>> {
+pub(super) fn tables(dir: &Path, told: &Told<'_>) -> Result<Vec<PathBuf>> {
     let (text, csv) = (dir.join("ships.txt"), dir.join("ships.csv"));
-    atomic::write(&text, told::text(ships, &Times::new(start, end_s), station).as_bytes())?;
-    atomic::write(&csv, told::csv(ships, start).as_bytes())?;
+    let times = Times::new(told.start, told.end_s);
+    atomic::write(&text, told::text(told.ships, told.doubted, &times, &told.config.name).as_bytes())?;
+    atomic::write(&csv, told::csv(told.ships, told.start).as_bytes())?;
     Ok(vec![text, csv])
 }
 
@@ -169,9 +167,13 @@ fn figures(told: &Told<'_>, evidence: &Evidence<'_>, span_s: (f64, f64)) -> Vec<
     detections(told, &mut azimuth, &mut range, &times, span_s, &shown);
     tracks(told, &mut azimuth, &mut range, &times, span_s, &shown);
     truths(told, &mut azimuth, &mut range, &times, span_s);
+    let doubted = doubts(told, &mut azimuth, &mut range, &times, span_s);
     let mut table = Plot::new("What is known of each ship", "", "");
     if shown.is_empty() {
-        table.size(WIDTH, 150).words(vec!["No ship was tracked.".to_owned()]).caption(&source);
+        table
+            .size(WIDTH, 150)
+            .words(vec!["No ship was tracked.".to_owned()])
+            .caption(&format!("{doubted}{source}"));
     } else {
         let ships: Vec<Ship> =
             shown.iter().take(MOST_ROWS).filter_map(|k| told.ships.get(*k)).cloned().collect();
@@ -181,7 +183,7 @@ fn figures(told: &Told<'_>, evidence: &Evidence<'_>, span_s: (f64, f64)) -> Vec<
             0 => String::new(),
             n => format!(" {n} more in ships.txt."),
         };
-        table.caption(&format!("{}{rest} {source}", told::WORDS));
+        table.caption(&format!("{doubted}{}{rest} {source}", told::WORDS));
     }
     // The table is as wide as its words.
     let width = table.width().max(WIDTH);
@@ -342,6 +344,30 @@ fn number_at(curve: &[Direction], cpa_s: f64, (from_s, to_s): (f64, f64)) -> Opt
     let within = curve.iter().filter(|d| (from_s + room..=to_s - room).contains(&d.t_s));
     let nearest = within.min_by(|a, b| (a.t_s - cpa_s).abs().total_cmp(&(b.t_s - cpa_s).abs()))?;
     Some((nearest.at, nearest.value))
+}
+
+/// Bands over the times at which the station doubted its set-up, at the upper edge; what it doubted in words.
+fn doubts(
+    told: &Told<'_>,
+    azimuth: &mut Plot,
+    range: &mut Plot,
+    times: &Times,
+    span_s: (f64, f64),
+) -> String {
+    let mut words = String::new();
+    let mut named: Vec<String> = Vec::new();
+    for d in told.doubted.iter().filter(|d| d.within(span_s)) {
+        let (from, to) = (d.from_s.max(span_s.0), d.to_s.unwrap_or(told.end_s).min(span_s.1));
+        let name = format!("set-up in doubt: {}", d.name());
+        let legend = if named.contains(&name) { "" } else { name.as_str() };
+        for (figure, high) in [(&mut *azimuth, 360.0), (&mut *range, FARTHEST_KM)] {
+            let corners = [from, to].map(|t_s| (times.at(t_s), (1.0 - DOUBTED_HIGH) * high, high));
+            figure.band(legend, &corners).coloured(DOUBTED);
+        }
+        words += &format!("{} ", told::warnings(std::slice::from_ref(d), times).concat());
+        named.push(name);
+    }
+    words
 }
 
 /// Where the ships truly were, as it could be heard.

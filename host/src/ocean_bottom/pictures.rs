@@ -28,6 +28,8 @@ use std::path::{Path, PathBuf};
 const DETECTION: RGBColor = RGBColor(232, 70, 70);
 /// Colour of calls, apart from vessels and visible on the same map.
 const CALL: RGBColor = RGBColor(120, 200, 255);
+/// The truth over dark cells, where the dark line of other figures is not seen.
+const TRUTH_OVER_DARK: RGBColor = RGBColor(255, 120, 215);
 /// What a vessel really did, for comparison.
 #[derive(Clone, Debug)]
 pub struct TruthCurve {
@@ -134,7 +136,7 @@ pub fn draw(
     }
     for t in truth {
         let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (times.at(h.0), h.1.to_degrees())).collect();
-        azimuth.truth(&t.name, &cut_at_wraps(&points));
+        azimuth.truth(&t.name, &cut_at_wraps(&points)).coloured(TRUTH_OVER_DARK);
     }
     for p in &found.passages {
         azimuth.line(&p.name(), &p.azimuths(times)).coloured(p.colour());
@@ -155,7 +157,7 @@ pub fn draw(
     range.points("detections", &ranges(messages, rate, times)).coloured(DETECTION);
     for t in truth {
         let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (times.at(h.0), h.2 / 1e3)).collect();
-        range.truth(&t.name, &points);
+        range.truth(&t.name, &points).coloured(TRUTH_OVER_DARK);
     }
     for p in &found.passages {
         range.line(&p.name(), &p.ranges_km(times)).coloured(p.colour());
@@ -176,6 +178,7 @@ pub fn draw(
     ways::courses(&mut map, &found, times);
     keep("map", &[&said(map, &ways::words(&found))])?;
     let ships = ships::known(&found, messages, config, table.depth_m, &listener.minutes);
+    let doubted = ships::doubted(messages, config.rate_hz);
     let told = pages::Told {
         config,
         depth_m: table.depth_m,
@@ -184,6 +187,7 @@ pub fn draw(
         messages,
         found: &found,
         ships: &ships,
+        doubted: &doubted,
         truth,
     };
     written.extend(pages::write(dir, &told, &evidence)?);

@@ -5,17 +5,19 @@
 //! of those that are a comb, the segments of its time, and what may be doubted ([`Doubt`]). [`told`] writes them.
 
 mod course;
+mod doubted;
 pub mod told;
 mod tones;
 
 pub(crate) use course::Way;
+pub use doubted::{Doubted, doubted};
 pub use tones::{Comb, ShipTone};
 
 use super::far::tones::Minute;
 use crate::plot::heard::{Belonging, Passage};
 use crate::plot::passage;
 use seabearing_core::config::StationConfig;
-use seabearing_core::wire::{FaultCode, Message, Range, Segment, Track};
+use seabearing_core::wire::{Message, Range, Segment, Track};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A range belongs to a track whose course is so near, m, or within three of its standard deviations.
@@ -171,64 +173,8 @@ fn doubts(ways: &[Way<'_>], k: usize, messages: &[Message], rate_hz: f64) -> Vec
             out.push(Doubt::Beside(other.track().id));
         }
     }
-    if set_up_doubted(messages, own.heard_s(), rate_hz) {
+    if doubted(messages, rate_hz).iter().any(|d| d.within(own.heard_s())) {
         out.push(Doubt::SetUp);
     }
     out
-}
-
-/// Whether a fault of the station's set-up stood at some time of a span.
-fn set_up_doubted(messages: &[Message], (from_s, to_s): (f64, f64), rate_hz: f64) -> bool {
-    let mut since: Option<f64> = None;
-    let mut deaf: Option<i64> = None;
-    for m in messages {
-        let Message::Fault(f) = m else { continue };
-        let t_s = f.index as f64 / rate_hz;
-        match f.code {
-            FaultCode::Reversed | FaultCode::Exchanged | FaultCode::Unequal | FaultCode::TableOff => {
-                since.get_or_insert(t_s);
-            }
-            FaultCode::OwnNoise => {
-                deaf = Some(f.value);
-                since.get_or_insert(t_s);
-            }
-            FaultCode::ChannelBack if deaf != Some(f.value) => {}
-            FaultCode::SetUpGood | FaultCode::ChannelBack
-                if since.take().is_some_and(|since| since <= to_s && t_s >= from_s) =>
-            {
-                return true;
-            }
-            _ => {}
-        }
-    }
-    since.is_some_and(|since| since <= to_s)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use seabearing_core::wire::Fault;
-
-    #[test]
-    fn a_doubt_about_the_set_up_stands_until_it_is_over() {
-        let fault = |code, t_s: u64| Message::Fault(Fault { code, index: 50 * t_s, value: 0 });
-        let told = [
-            fault(FaultCode::Unequal, 100),
-            fault(FaultCode::SetUpGood, 200),
-            // Another channel's end is none of it.
-            Message::Fault(Fault { code: FaultCode::OwnNoise, index: 50 * 400, value: 2 }),
-            fault(FaultCode::ChannelBack, 450),
-            Message::Fault(Fault { code: FaultCode::ChannelBack, index: 50 * 550, value: 2 }),
-        ];
-        for (span, doubted) in [
-            ((0.0, 50.0), false),
-            ((0.0, 150.0), true),
-            ((150.0, 160.0), true),
-            ((250.0, 300.0), false),
-            ((500.0, 600.0), true),
-            ((560.0, 600.0), false),
-        ] {
-            assert_eq!(set_up_doubted(&told, span, 50.0), doubted, "{span:?}");
-        }
-    }
 }

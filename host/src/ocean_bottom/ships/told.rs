@@ -3,7 +3,7 @@
 //! Times are UTC where the recording has a clock, else counted from its first sample; ± is one standard deviation. What is not observable is a
 //! dash for people, empty in CSV and `null` in records.
 
-use super::{Doubt, Ship};
+use super::{Doubt, Doubted, Ship};
 use crate::angle::wrap_deg;
 use crate::csv::CsvText;
 use crate::plot::times::Times;
@@ -103,7 +103,7 @@ pub fn rows(ships: &[Ship], times: &Times) -> Vec<Vec<String>> {
             format!("{} to {}", times.minute(ship.heard_s.0), times.minute_after(ship.heard_s)),
             format!("{} ({:.0} %), {}", ship.azimuths, 100.0 * ship.heard_share, ship.ranges),
             or_dash(ship.segments.iter().map(u16::to_string).collect::<Vec<_>>().join(" ")),
-            format!("{} ± {:.0} s", times.dated(t.cpa_time_s), t.sd_cpa_time_s),
+            format!("{} ± {:.0} s", times.to_within(t.cpa_time_s, t.sd_cpa_time_s.into()), t.sd_cpa_time_s),
             pm(n.range_km.0, n.range_km.1, " km"),
             format!("{:.1}°", n.azimuth_deg),
             pm(n.heading_deg.0, n.heading_deg.1, "°"),
@@ -116,8 +116,13 @@ pub fn rows(ships: &[Ship], times: &Times) -> Vec<Vec<String>> {
     std::iter::once(HEADER.map(str::to_owned).to_vec()).chain(ships.iter().map(row)).collect()
 }
 
-/// The table as text, columns below each other, and what it means.
-pub fn text(ships: &[Ship], times: &Times, station: &str) -> String {
+/// What the station doubted, in lines of text.
+pub fn warnings(doubted: &[Doubted], times: &Times) -> Vec<String> {
+    doubted.iter().map(|d| format!("The station doubted its set-up {}.", d.words(times))).collect()
+}
+
+/// The table as text, columns below each other, what it means, and what the station doubted.
+pub fn text(ships: &[Ship], doubted: &[Doubted], times: &Times, station: &str) -> String {
     let mut out = String::new();
     if ships.is_empty() {
         out.push_str("No ship was tracked.\n");
@@ -133,6 +138,9 @@ pub fn text(ships: &[Ship], times: &Times, station: &str) -> String {
             let _ = writeln!(out, "{}", line.trim_end());
         }
         let _ = writeln!(out, "\n{WORDS}");
+    }
+    for line in warnings(doubted, times) {
+        let _ = writeln!(out, "{line}");
     }
     let _ = writeln!(out, "{}", times.source(station));
     out
@@ -232,6 +240,7 @@ mod tests {
     use super::*;
     use crate::csv::CsvTable;
     use crate::plot::heard::tests::track;
+    use seabearing_core::wire::{Fault, FaultCode};
 
     fn ship(range_observable: bool) -> Ship {
         let mut track = track(3, Track::FINAL, 7200.0, (3600.0, 12_345.0));
@@ -254,7 +263,9 @@ mod tests {
         let start = OffsetDateTime::from_unix_timestamp(1_369_094_400).ok();
         let times = Times::new(start, 90_000.0);
         let (ships, bare) = ([ship(true), ship(false)], [ship(false)]);
-        let text = text(&ships, &times, "RR03");
+        let fault = Fault { code: FaultCode::Exchanged, index: 0, value: 1 };
+        let doubted = [Doubted { fault, from_s: 3600.0, to_s: Some(7200.0) }];
+        let text = text(&ships, &doubted, &times, "RR03");
         for words in [
             "21 May 00:10 to 22 May 01:10",
             "21 May 01:00:00 ± 0 s",
@@ -266,6 +277,7 @@ mod tests {
             "2 5",
             "5.40",
             "beside track 4, set-up in doubt",
+            "The station doubted its set-up 21 May 01:00 to 02:00, Exchanged: the vertical component and north",
             "Data: station RR03, recorded from 2013-05-21",
         ] {
             assert!(text.contains(words), "{words}\n{text}");
@@ -290,6 +302,6 @@ mod tests {
                 && record["sd_cpa_range_m"].is_null()
                 && record.get("utc_cpa").is_none()
         );
-        assert!(super::text(&[], &times, "").starts_with("No ship was tracked."));
+        assert!(super::text(&[], &[], &times, "").starts_with("No ship was tracked."));
     }
 }
