@@ -21,6 +21,7 @@ use seabearing_core::angle::RAD_PER_DEG;
 use seabearing_core::kit::spd;
 use seabearing_host::orientation::lasting::positions;
 use seabearing_host::orientation::sets::{BearingRow, gather};
+use seabearing_host::orientation::way::Way;
 use seabearing_host::station::{CLOCK_SD_S, ORIENTATION_SD_DEG};
 use seabearing_locate::network::joint::{
     DatedSighting, JointSettings, JointTrack, Scatter, SharedError, bound, fit,
@@ -319,13 +320,13 @@ impl Score {
         let settings = FixSettings { region: Region::at_depth([0.0; 2], 2000.0, SOURCE_M), robust: true };
         let shared = [case.assumed; MAX_ARRAYS];
         let said = if case.drawn() { shared } else { [EXACT; MAX_ARRAYS] };
-        let found = positions(&sets, &settings, &shared, &said, SOUND_M_S);
+        let way = Way::straight(SOUND_M_S);
+        let found = positions(&sets, &settings, &shared, &said, way);
         for (set, fix) in sets.iter().zip(&found.fixes).filter(|(set, _)| set.stations.len() == 2) {
             let Ok(fix) = fix else { continue };
-            // By the clock of the first array, less the way from the middle of both.
-            let way_m =
-                arrays_m.iter().map(|array_m| distance_m(array_m, &fix.position_m)).sum::<f64>() / 2.0;
-            let [x, y, ..] = truth_at(&passage.state, set.t_s - passage.clock_s - way_m / SOUND_M_S);
+            // By the clock of the first array, less the way of the sound.
+            let emitted_s = set.t_s - passage.clock_s - way.mean_s(set, &fix.position_m);
+            let [x, y, ..] = truth_at(&passage.state, emitted_s);
             let [[xx, xy, _], [_, yy, _], _] = fix.covariance_m2;
             let d = [fix.position_m[0] - x, fix.position_m[1] - y];
             let squares = spd::solve(&[[xx, xy], [xy, yy]], &d).map_or(f64::INFINITY, |s| spd::dot(&d, &s));

@@ -83,7 +83,12 @@ fn positions_follow_the_vessel() {
     assert!(fixes.len() > 150);
     for fix in fixes.iter().filter(|f| (150.0..250.0).contains(&number(f, "t_s"))) {
         assert_eq!(fix["type"], "fix");
-        let p = vessel_m(number(fix, "t_s") - 0.2);
+        // The place belongs to the moment the sound left the vessel.
+        let (t_s, source_s) = (number(fix, "t_s"), number(fix, "t_source_s"));
+        let p = vessel_m(source_s);
+        let way_m = |[x, y, z]: [f64; 3]| (p[0] - x).hypot(p[1] - y).hypot(p[2] - z);
+        let mean_m = ARRAYS_M.iter().map(|(_, array)| way_m(*array)).sum::<f64>() / ARRAYS_M.len() as f64;
+        assert!((t_s - source_s - mean_m / SOUND_SPEED_M_S).abs() < 0.02, "{fix}");
         let off = (number(fix, "x_m") - p[0]).hypot(number(fix, "y_m") - p[1]);
         assert!(off < 3.0 * number(fix, "sd_x_m").hypot(number(fix, "sd_y_m")), "{fix}");
     }

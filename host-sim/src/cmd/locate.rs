@@ -7,6 +7,7 @@ use crate::orientation::network_file::{Network, NetworkBearings, read_rows};
 use crate::orientation::over_time::{self, SOURCE_DEPTH_M, heard_by};
 use crate::orientation::record_file;
 use crate::orientation::sets::{SightingSet, gather};
+use crate::orientation::way::Way;
 use crate::record::RecordFormat;
 use anyhow::{Context, Result, bail};
 use seabearing_core::angle::RAD_PER_DEG;
@@ -37,7 +38,8 @@ const DEPTHS_M: std::ops::RangeInclusive<f64> = -100.0..=11_000.0;
     each other are one measurement set. Records carry their own errors and, where the recordings had a clock, their \
     UTC; their bearings of the whole band are used (of one vessel at a time). Of ocean-bottom stations these are the detected \
     tonal azimuths, with the range of the same minute where there is one. A set that does not determine a position gives a `no_fix` record with the \
-    reason. --motion takes all rows for one vessel on a straight course and needs no speed; it prints a `track` \
+    reason. A position is where the vessel was when the sound left it (t_source_s, utc_source), not when it was heard (t_s, utc): \
+    tens of seconds before at ocean-bottom ranges. --motion takes all rows for one vessel on a straight course and needs no speed; it prints a `track` \
     record for each station (x0, y0: at the first bearing's time, in the frame of the network).")]
 pub struct Args {
     /// Bearings: one CSV file t_s,station,azimuth_deg,elevation_deg, or records of `process` or `base` (.jsonl).
@@ -254,27 +256,29 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
 
     let shared = network.shared(&heard.sd_clock_s);
     let said = network.said(&heard.sd_clock_s);
-    let sound_m_s = network.stations[0].sound_speed_m_s;
-    let found = lasting::positions(&sets, &settings, &shared, &said, sound_m_s);
+    let way = Way { sound_m_s: network.stations[0].sound_speed_m_s, thrice: heard.of_the_floor };
+    let found = lasting::positions(&sets, &settings, &shared, &said, way);
     warn_of_lasting(network, &found);
     let fixes = found.fixes;
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     if !args.json {
         writeln!(
             out,
-            "{:>12} {:>9} {:>9} {:>8} {:>7} {:>7} {:>7}  stations",
-            "t_s", "x_m", "y_m", "z_m", "sd_x", "sd_y", "sd_z"
+            "{:>12} {:>12} {:>9} {:>9} {:>8} {:>7} {:>7} {:>7}  stations",
+            "t_s", "t_source_s", "x_m", "y_m", "z_m", "sd_x", "sd_y", "sd_z"
         )?;
     }
     for (set, fix) in sets.iter().zip(&fixes) {
         match (fix, args.json) {
-            (Ok(fix), true) => writeln!(out, "{}", dated(record(network, set, fix), &clock, set))?,
-            (Ok(fix), false) => writeln!(out, "{}", line(network, set, fix))?,
+            (Ok(fix), true) => {
+                writeln!(out, "{}", dated(record(network, set, fix, &way), &clock))?;
+            }
+            (Ok(fix), false) => writeln!(out, "{}", line(network, set, fix, &way))?,
             (Err(e), true) => {
                 let record = json!({
                     "type": "no_fix", "t_s": set.t_s, "reason": e.to_string(), "stations": ids(network, set, None),
                 });
-                writeln!(out, "{}", dated(record, &clock, set))?;
+                writeln!(out, "{}", dated(record, &clock))?;
             }
             (Err(e), false) => writeln!(out, "{:12.3} no fix: {e}", set.t_s)?,
         }
@@ -339,18 +343,25 @@ fn ids(network: &Network, set: &SightingSet, without: Option<usize>) -> Vec<u16>
 }
 
 /// The record with its UTC, where the recordings had a clock.
-fn dated(mut record: Value, clock: &RecordFormat, set: &SightingSet) -> Value {
-    if let Some(utc) = clock.utc(set.t_s) {
-        record["utc"] = utc.into();
+fn dated(mut record: Value, clock: &RecordFormat) -> Value {
+    for (key, of) in [("utc", "t_s"), ("utc_source", "t_source_s")] {
+        if let Some(utc) = record[of].as_f64().and_then(|t_s| clock.utc(t_s)) {
+            record[key] = utc.into();
+        }
     }
     record
 }
 
-fn record(network: &Network, set: &SightingSet, fix: &Fix) -> Value {
+/// When the vessel was at the place of a fix, seconds.
+fn source_s(set: &SightingSet, fix: &Fix, way: &Way) -> f64 {
+    set.t_s - way.mean_s(set, &fix.position_m)
+}
+
+fn record(network: &Network, set: &SightingSet, fix: &Fix, way: &Way) -> Value {
     let [x, y, z] = fix.position_m;
     let c = &fix.covariance_m2;
     let mut record = json!({
-        "type": "fix", "t_s": set.t_s, "x_m": x, "y_m": y, "z_m": z,
+        "type": "fix", "t_s": set.t_s, "t_source_s": source_s(set, fix, way), "x_m": x, "y_m": y, "z_m": z,
         "sd_x_m": c[0][0].sqrt(), "sd_y_m": c[1][1].sqrt(), "sd_z_m": c[2][2].sqrt(), "cov_xy_m2": c[0][1],
         "stations": ids(network, set, fix.rejected), "misfit": fix.misfit, "freedom": fix.freedom,
         "consistent": fix.consistent, "height_at_limit": fix.height_at_limit,
@@ -366,7 +377,7 @@ fn record(network: &Network, set: &SightingSet, fix: &Fix) -> Value {
     record
 }
 
-fn line(network: &Network, set: &SightingSet, fix: &Fix) -> String {
+fn line(network: &Network, set: &SightingSet, fix: &Fix, way: &Way) -> String {
     let [x, y, z] = fix.position_m;
     let sd = [0, 1, 2].map(|k| fix.covariance_m2[k][k].sqrt());
     let ids: Vec<_> = ids(network, set, fix.rejected).iter().map(u16::to_string).collect();
@@ -376,8 +387,9 @@ fn line(network: &Network, set: &SightingSet, fix: &Fix) -> String {
         (None, true) => String::new(),
     };
     format!(
-        "{:12.3} {x:9.1} {y:9.1} {z:8.1} {:7.1} {:7.1} {:7.1}  {}{remark}",
+        "{:12.3} {:12.3} {x:9.1} {y:9.1} {z:8.1} {:7.1} {:7.1} {:7.1}  {}{remark}",
         set.t_s,
+        source_s(set, fix, way),
         sd[0],
         sd[1],
         sd[2],

@@ -13,3 +13,4 @@ pub mod over_time;
 pub mod record_file;
 pub mod sets;
 pub mod track_file;
+pub mod way;

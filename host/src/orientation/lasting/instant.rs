@@ -1,6 +1,7 @@
 //! One set of bearings: what errors of orientations and clocks do to it, and what it tells of them.
 
 use crate::orientation::sets::SightingSet;
+use crate::orientation::way::Way;
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::kit::spd::{self, Square};
 use seabearing_core::kit::straight_line::through;
@@ -24,6 +25,7 @@ pub(super) struct Sums {
     pub(super) moves: [[f64; N]; 3],
 }
 
+/// From where something was seen, metres.
 pub(super) fn distance_m(seen: &Sighting, position_m: &[f64; 3]) -> f64 {
     let off = |k: usize| (position_m[k] - seen.array_m[k]).powi(2);
     (off(0) + off(1) + off(2)).sqrt()
@@ -143,15 +145,14 @@ pub(super) fn without(
     state: &[f64; N],
     v: &Velocity,
     fix: Option<&Fix>,
-    sound_m_s: f64,
+    way: &Way,
 ) -> SightingSet {
     let mut out = given.clone();
     let Some(fix) = fix else { return out };
-    let way_m = |seen: &Sighting| distance_m(seen, &fix.position_m);
-    let mean_m = given.sightings.iter().map(way_m).sum::<f64>() / given.sightings.len() as f64;
+    let mean_s = way.mean_s(given, &fix.position_m);
     for (seen, station) in out.sightings.iter_mut().zip(&given.stations) {
         let (turned, late) = (*station, MAX_ARRAYS + *station);
-        let late_s = prior[late] * state[late] + (way_m(seen) - mean_m) / sound_m_s;
+        let late_s = prior[late] * state[late] + way.time_s(&seen.array_m, &fix.position_m) - mean_s;
         let now = fix.position_m;
         let then = [now[0] - v.m_s[0] * late_s, now[1] - v.m_s[1] * late_s, now[2]];
         let ((azimuth, elevation), (azimuth_then, elevation_then)) =

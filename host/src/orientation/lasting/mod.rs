@@ -14,6 +14,7 @@
 mod instant;
 
 use super::sets::SightingSet;
+use super::way::Way;
 use crate::progress;
 use instant::{N, Sums, Velocity, distance_m, sums, velocities, without};
 use seabearing_core::kit::spd::{self, Square};
@@ -62,15 +63,15 @@ pub struct Positions {
 
 /// Positions of all sets. `shared`: deviations of what the bearings of each station share, `said`: those among them that
 /// somebody told, 0 where nobody did. What is not told is looked for, and is in no position unless it is found. A position is
-/// where the vessel was one mean way of the sound (`sound_m_s`) before the set's time.
+/// where the vessel was one mean way of the sound before the set's time ([`Way::mean_s`]).
 pub fn positions(
     sets: &[SightingSet],
     settings: &FixSettings,
     shared: &[SharedError; MAX_ARRAYS],
     said: &[SharedError; MAX_ARRAYS],
-    sound_m_s: f64,
+    way: Way,
 ) -> Positions {
-    let heard = Heard { sets, sound_m_s, bar: progress::bar(0, "fixes") };
+    let heard = Heard { sets, way, bar: progress::bar(0, "fixes") };
     let mut best = Fitted::simplest(&heard, settings, shared);
     let told = best.unknowns().max(1.0);
     let excess = best.state.iter().map(|w| w * w).sum::<f64>();
@@ -93,7 +94,7 @@ pub fn positions(
 /// What was heard, and how far it is.
 struct Heard<'a> {
     sets: &'a [SightingSet],
-    sound_m_s: f64,
+    way: Way,
     bar: progress::ProgressBar,
 }
 
@@ -160,7 +161,7 @@ impl Fitted {
             new.step();
             let places = new.fixes.iter().zip(&new.velocities);
             for (set, (given, (fix, v))) in new.sets.iter_mut().zip(heard.sets.iter().zip(places)) {
-                *set = without(given, &new.prior, &new.state, v, fix.as_ref().ok(), heard.sound_m_s);
+                *set = without(given, &new.prior, &new.state, v, fix.as_ref().ok(), &heard.way);
             }
             new.fixes = heard.located(&new.sets, settings);
             if new.state.iter().zip(&before).all(|(now, before)| (now - before).abs() < LEAST_STEP) {

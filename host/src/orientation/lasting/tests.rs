@@ -54,12 +54,11 @@ const NONE: [SharedError; MAX_ARRAYS] = [SharedError { azimuth: 0.0, clock_s: 0.
 
 /// Positions, the share of them whose 95 % hold the truth, and of those that are consistent.
 fn judged(sets: &[SightingSet], said: &[SharedError; MAX_ARRAYS]) -> (Positions, f64, f64) {
-    let found = positions(sets, &SETTINGS, &TOLD, said, SOUND_M_S);
+    let found = positions(sets, &SETTINGS, &TOLD, said, Way::straight(SOUND_M_S));
     let (mut held, mut agree, mut n) = (0.0, 0.0, 0.0);
     for (set, fix) in sets.iter().zip(&found.fixes) {
         let Ok(fix) = fix else { continue };
-        let seen = set.sightings.iter().map(|seen| way_m(&seen.array_m, &fix.position_m)).sum::<f64>();
-        let truth = place(set.t_s - seen / set.sightings.len() as f64 / SOUND_M_S);
+        let truth = place(set.t_s - Way::straight(SOUND_M_S).mean_s(set, &fix.position_m));
         let off = [fix.position_m[0] - truth[0], fix.position_m[1] - truth[1]];
         let [[xx, xy, _], [_, yy, _], _] = fix.covariance_m2;
         let squares = spd::quadratic(&off, &spd::inverse(&[[xx, xy], [xy, yy]]).unwrap(), &off);
@@ -155,10 +154,10 @@ fn told(arrays_m: [[f64; 3]; 2], aside_m: f64, told: SharedError) -> (f64, f64) 
             }
         }
         let sets = gather(&mut rows, &arrays_m);
-        let heard = Heard { sets: &sets, sound_m_s: SOUND_M_S, bar: progress::bar(0, "fixes") };
+        let heard = Heard { sets: &sets, way: Way::straight(SOUND_M_S), bar: progress::bar(0, "fixes") };
         let late = Fitted::simplest(&heard, &settings, &shared).told(&shared)[1].clock_s;
         late2 += ((late.0 - (off[1].1 - off[0].1)) / late.1).powi(2);
-        let found = positions(&sets, &settings, &shared, &shared, SOUND_M_S);
+        let found = positions(&sets, &settings, &shared, &shared, Way::straight(SOUND_M_S));
         for (set, fix) in sets.iter().zip(&found.fixes).filter(|(set, _)| set.stations.len() == 2) {
             let Ok(fix) = fix else { continue };
             let way_s =
