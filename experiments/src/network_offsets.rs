@@ -213,6 +213,7 @@ fn settings(case: &Case) -> JointSettings {
         robust: true,
         scatter: Scatter::Measured,
         shared: [case.assumed; MAX_ARRAYS],
+        alike: [1.0; MAX_ARRAYS],
     }
 }
 

@@ -15,7 +15,7 @@ use seabearing_locate::network::joint::{
     self, DatedSighting, JointSettings, JointTrack, Scatter, SharedError,
 };
 use seabearing_locate::network::locate::misfit_limit;
-use seabearing_locate::network::{NetworkError, Sighting};
+use seabearing_locate::network::{MAX_ARRAYS, NetworkError, Sighting};
 use std::collections::{HashMap, HashSet};
 
 /// Height of a vessel's sound source, metres.
@@ -282,7 +282,7 @@ impl Search<'_> {
 
     /// The motion of tracks, the variances of whose averages are so many times what they state.
     fn fit(&self, nodes: &[usize], scale: f64) -> Result<JointTrack, NetworkError> {
-        let mut shared = [SharedError::default(); seabearing_locate::network::MAX_ARRAYS];
+        let mut shared = [SharedError::default(); MAX_ARRAYS];
         let mut bearings = Vec::new();
         let mut sound = 0.0;
         for n in nodes {
@@ -305,8 +305,9 @@ impl Search<'_> {
             }));
         }
         let scatter = Scatter::Told;
+        let alike = [1.0; MAX_ARRAYS];
         let settings =
-            JointSettings { z_m: SOURCE_Z_M, sound_speed_m_s: sound, robust: false, scatter, shared };
+            JointSettings { z_m: SOURCE_Z_M, sound_speed_m_s: sound, robust: false, scatter, shared, alike };
         joint::fit(&bearings, &settings)
     }
 }

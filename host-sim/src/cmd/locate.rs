@@ -22,6 +22,9 @@ const NEAR_M: f64 = 2_000.0;
 /// The same of stations at the ocean bottom.
 const FAR_M: f64 = 60_000.0;
 
+/// Scatter of bearings about a straight course, over the claimed one, from which on it is told.
+const SCATTERED: f64 = 2.0;
+
 /// Depths at which there is a source, metres: from a mast above the surface to the deepest trench (10 935 m, Challenger Deep).
 const DEPTHS_M: std::ops::RangeInclusive<f64> = -100.0..=11_000.0;
 
@@ -220,13 +223,29 @@ fn warn_of(network: &Network, found: &JointTrack) {
     }
     if found.bent {
         log::warn!(
-            "the bearings are off a straight course for long stretches, at all stations together far beyond what is stated of them: does the \
-             vessel turn or change its speed, or are two heard? The stated errors do not hold; give a part of the record, or --known-track"
+            "the bearings are off a straight course for long stretches, at all stations together far beyond their scatter: does the \
+             vessel turn or change its speed, or are two heard? One course and speed do not tell its way, whatever is stated of them; give a \
+             part of the record, or --known-track"
         );
     } else if !found.consistent {
         log::warn!(
             "the stations contradict each other by more than their bearings scatter and their orientations and clocks are \
              said to err, and which of them is wrong cannot be told: the stated errors have grown"
+        );
+    } else {
+        warn_of_scatter(network, found);
+    }
+}
+
+/// Says of the station whose bearings are worst that they scatter far more than claimed, if so.
+fn warn_of_scatter(network: &Network, found: &JointTrack) {
+    let stations = network.stations.iter().zip(&found.scatter);
+    let worst =
+        stations.map(|(s, of)| (s.name.as_str(), of[0].max(of[1]))).max_by(|a, b| a.1.total_cmp(&b.1));
+    if let Some((name, times)) = worst.filter(|(_, times)| *times > SCATTERED) {
+        log::warn!(
+            "the bearings of `{name}` are off a straight course by {times:.1} times what --sigma-azimuth-deg and --sigma-elevation-deg say, \
+             what successive ones have in common counted: the stated errors have grown. Do errors last (--tau-s), or are two vessels heard?"
         );
     }
 }

@@ -9,7 +9,7 @@ use seabearing_core::kit::{median, spd};
 use seabearing_locate::network::joint::{DatedSighting, JointSettings, Scatter, bound};
 use seabearing_locate::network::locate::LARGEST_RELATIVE_SD;
 use seabearing_locate::network::model::bearing;
-use seabearing_locate::network::{Sighting, bound::about, known_depth_bound, rectangular_bound};
+use seabearing_locate::network::{MAX_ARRAYS, Sighting, bound::about, known_depth_bound, rectangular_bound};
 
 /// Directions of ways through a place whose median is stated.
 pub const HEADINGS: usize = 8;
@@ -142,6 +142,7 @@ fn of_state(
         robust: false,
         scatter: Scatter::Told,
         shared: network.shared(&[]),
+        alike: [1.0; MAX_ARRAYS],
     };
     let c = bound(&heard, &settings, 0.0, state)?;
     let speed = vx.hypot(vy);

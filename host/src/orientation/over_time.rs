@@ -7,7 +7,7 @@ use anyhow::Result;
 use seabearing_core::kit::median;
 use seabearing_locate::network::align::{AlignError, AlignSettings, Shift, TimedBearing, align};
 use seabearing_locate::network::joint::{DatedSighting, JointSettings, JointTrack, Scatter, fit};
-use seabearing_locate::network::{NetworkError, Sighting};
+use seabearing_locate::network::{MAX_ARRAYS, NetworkError, Sighting};
 use std::path::Path;
 
 /// Depth of a vessel's sound source where none is given, metres: a propeller's.
@@ -35,8 +35,7 @@ pub fn motion(
     let rows = &mut heard.rows;
     rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     // Errors that last over so many bearings weigh like one.
-    let shared: Vec<f64> =
-        (0..network.stations.len()).map(|i| (tau_s / interval_s(rows, i)).max(1.0).sqrt()).collect();
+    let alike: [f64; MAX_ARRAYS] = core::array::from_fn(|i| (tau_s / interval_s(rows, i)).max(1.0));
     let later: Vec<f64> = if heard.of_the_floor {
         rows.iter().map(|r| later_s(network, rows, r, source_depth_m)).collect()
     } else {
@@ -52,8 +51,8 @@ pub fn motion(
                 array_m: network.arrays_m[r.station],
                 azimuth: r.azimuth,
                 elevation: r.elevation,
-                sd_azimuth: r.sd.0 * shared[r.station],
-                sd_elevation: r.sd.1 * shared[r.station],
+                sd_azimuth: r.sd.0 * alike[r.station].sqrt(),
+                sd_elevation: r.sd.1 * alike[r.station].sqrt(),
             },
         })
         .collect();
@@ -61,7 +60,10 @@ pub fn motion(
     let sound_speed_m_s = network.stations[first].sound_speed_m_s;
     let shared = network.shared(&heard.sd_clock_s);
     let scatter = Scatter::Measured;
-    fit(&bearings, &JointSettings { z_m: -source_depth_m, sound_speed_m_s, robust, scatter, shared })
+    // Ranges are off by what the ways of the sound are, from the first to the last.
+    let alike = if heard.of_the_floor { [f64::INFINITY; MAX_ARRAYS] } else { alike };
+    let z_m = -source_depth_m;
+    fit(&bearings, &JointSettings { z_m, sound_speed_m_s, robust, scatter, shared, alike })
 }
 
 /// Longest time from a bearing without range to the station's nearest with one that tells how far the vessel was, seconds.

@@ -14,11 +14,12 @@
 //! - `problem`: the likelihood, its maximum (Levenberg-Marquardt over four unknowns from the linear least-squares solution
 //!   of the bearing lines `(x − x_n) cos α = (y − y_n) sin α`, or of the positions the elevations give), its information;
 //! - `scatter`: each array's own course, and the errors about it;
-//! - `runs`: whether these are errors, or the way is no straight one;
+//! - `bend`, `runs`: whether these are errors, or the way is no straight one;
 //! - `blame`: whose orientation or clock is wrong, or which array is to be set aside.
 //!
 //! O(1) memory beside the caller's bearings.
 
+mod bend;
 mod blame;
 mod problem;
 mod runs;
@@ -110,6 +111,9 @@ pub struct JointSettings {
     pub scatter: Scatter,
     /// What the bearings of each array share.
     pub shared: [SharedError; MAX_ARRAYS],
+    /// How many successive bearings of each array are told to share one error, which their deviations count; 1: none; infinite:
+    /// errors that last for the whole record, which nothing tells from a bend.
+    pub alike: [f64; MAX_ARRAYS],
 }
 
 /// A straight track.
@@ -135,8 +139,9 @@ pub struct JointTrack {
     pub wrong: Wrong,
     /// Whether the arrays agree, those set aside and what is `wrong` apart, and the way is straight.
     pub consistent: bool,
-    /// What the bearings are off goes in runs that no noise makes ([`Scatter::Measured`]): the vessel turns or changes its speed, or there
-    /// are two. The covariance does not hold.
+    /// What the bearings are off is a bend that all arrays show, beyond what is stated of a straight course, or goes in runs that no noise
+    /// makes ([`Scatter::Measured`]): the vessel turns or changes its speed, or there are two. The covariance has grown by a bend;
+    /// by runs it does not hold.
     pub bent: bool,
     /// What the bearings of each array share, as far as they and what was assumed tell it.
     pub offsets: [Offset; MAX_ARRAYS],
@@ -286,12 +291,21 @@ fn by_measured(told: &Problem<'_>, robust: bool) -> Result<JointTrack, NetworkEr
         offsets[array].azimuth.0 = turned;
         offsets[array].clock_s.0 = late_s - *first_s.get_or_insert(late_s);
     }
+    let beyond = courses.bend.and_then(|bend| bend.beyond(&motion.covariance));
+    let bent = courses.bent || beyond.is_some();
+    let grown = beyond.unwrap_or(1.0);
+    for offset in &mut offsets {
+        offset.azimuth.1 *= m::sqrt(grown);
+        offset.clock_s.1 *= m::sqrt(grown);
+    }
     Ok(JointTrack {
+        covariance: motion.covariance.map(|row| row.map(|x| x * grown)),
+        growth: motion.growth * grown,
         offsets,
         rejected: verdict.rejected,
         wrong: verdict.wrong,
-        consistent: verdict.consistent && !courses.bent,
-        bent: courses.bent,
+        consistent: verdict.consistent && !bent,
+        bent,
         scatter: courses.scale,
         ..motion
     })

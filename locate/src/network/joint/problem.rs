@@ -42,6 +42,8 @@ pub(super) struct Row {
     pub by_state: [f64; 4],
     pub by_shared: [f64; 2],
     pub residual: f64,
+    /// When the sound left the vessel, from the reference time on, seconds.
+    pub after_s: f64,
     /// 0 an azimuth, 1 an elevation.
     pub angle: usize,
 }
@@ -192,6 +194,7 @@ impl<'a> Problem<'a> {
                 // A clock that is late stamps what it hears with a later time.
                 by_shared: [1.0 - angle as f64, -(x * state[2] + y * state[3])].map(|d| d / sd),
                 residual: residual / sd,
+                after_s: dt,
                 angle,
             };
             let off = wrap_pi(s.azimuth - turned - azimuth);

@@ -6,6 +6,7 @@
 //! motion is its misfit in these units less that of the courses of their own: chi-squared of as many degrees as the courses
 //! have observable parameters (three from azimuths, four with elevations) less the motion's four.
 
+use super::bend::{Bend, Bends};
 use super::problem::Problem;
 use super::{HUBER, SharedError, runs};
 use crate::kit::{MAD_TO_SD, order_statistic};
@@ -16,11 +17,11 @@ use runs::Runs;
 /// Fewest angles of an array from which its scatter is taken.
 const LEAST_ANGLES: f64 = 12.0;
 /// Least scatter, in stated deviations: exact bearings do not divide by zero.
-const LEAST_SCATTER: f64 = 1e-4;
+pub(super) const LEAST_SCATTER: f64 = 1e-4;
 /// Most that successive errors are taken to have in common.
 const MOST_COMMON: f64 = 0.95;
 /// Parameters of a course that azimuths and elevations determine.
-const FITTED: [f64; 2] = [3.0, 1.0];
+pub(super) const FITTED: [f64; 2] = [3.0, 1.0];
 
 /// The courses of their own.
 #[derive(Clone, Copy)]
@@ -32,16 +33,20 @@ pub(super) struct Courses {
     parameters: [u32; MAX_ARRAYS],
     /// What is left about them goes in runs that no noise makes: the vessel's way is no straight course.
     pub bent: bool,
+    /// How it is bent, where all arrays show that alike.
+    pub bend: Option<Bend>,
 }
 
 impl Courses {
     /// Of all arrays of a problem, near a state.
     pub fn near(problem: &Problem<'_>, state: &[f64; 4]) -> Self {
         let (misfit, parameters) = ([0.0; MAX_ARRAYS], [0; MAX_ARRAYS]);
-        let mut out = Self { scale: problem.scale, misfit, parameters, bent: false };
+        let mut out = Self { scale: problem.scale, misfit, parameters, bent: false, bend: None };
         let mut runs = Runs::default();
+        let mut bends = Bends::new(problem);
         for array in problem.arrays() {
             let (alone, course) = own(problem, array, state);
+            bends.take(&alone, array, &course);
             for angle in [0, 1] {
                 let residuals = alone.rows(array, &course, [0.0; 2]).filter(move |r| r.angle == angle);
                 runs.take(residuals.clone().map(|r| r.residual));
@@ -54,6 +59,7 @@ impl Courses {
             out.parameters[array] = 3 + u32::from(alone.used().any(|b| b.sighting.elevation.is_some()));
         }
         out.bent = runs.no_noise();
+        out.bend = bends.found();
         out
     }
 
@@ -74,6 +80,12 @@ fn own<'a>(problem: &Problem<'a>, array: usize, state: &[f64; 4]) -> (Problem<'a
 /// Standard deviation of standardised residuals in order of time, `fitted` parameters taken out of them, as of
 /// independent ones of which a mean is as uncertain.
 fn scatter(residuals: impl Iterator<Item = f64> + Clone, fitted: f64) -> Option<f64> {
+    let (variance, common) = spread(residuals, fitted)?;
+    Some(m::sqrt(variance * common).max(LEAST_SCATTER))
+}
+
+/// The same: their variance, and that of a mean over that of as many independent ones.
+pub(super) fn spread(residuals: impl Iterator<Item = f64> + Clone, fitted: f64) -> Option<(f64, f64)> {
     let n = residuals.clone().count() as f64;
     if n < LEAST_ANGLES {
         return None;
@@ -93,8 +105,7 @@ fn scatter(residuals: impl Iterator<Item = f64> + Clone, fitted: f64) -> Option<
     let low = (fitted + (fitted + 2.0) * found.max(0.0)) / n;
     let common = (found + low).clamp(0.0, MOST_COMMON);
     let inflation = (1.0 + common) / (1.0 - common);
-    let variance = squares / (n - (fitted * inflation).min(0.5 * n)) * inflation;
-    Some((sd * m::sqrt(variance)).max(LEAST_SCATTER))
+    Some((sd * sd * squares / (n - (fitted * inflation).min(0.5 * n)), inflation))
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ const SETTINGS: JointSettings = JointSettings {
     robust: true,
     scatter: Scatter::Told,
     shared: [EXACT; MAX_ARRAYS],
+    alike: [1.0; MAX_ARRAYS],
 };
 
 /// Exact bearings of a vessel with travel time, at different instants for each array.
@@ -261,4 +262,79 @@ fn a_vessel_that_turns_is_not_consistent_and_noise_beyond_what_is_stated_is() {
     // Four times what is stated.
     let plain = fit(&noisy(&three, true, 0.1, 0.0, 0.0), &MEASURED).unwrap();
     assert!(!plain.bent && plain.consistent, "{plain:?}");
+}
+
+/// Bearings, one a second from each of three arrays, of a vessel on a circle (`turn` radians a second); errors of `noise` radians that have
+/// `common` with those a second before.
+fn turning(turn: f64, noise: f64, common: f64, elevation: bool, seed: u64) -> Vec<DatedSighting> {
+    const THREE: [[f64; 3]; 3] = [[0.0, 460.0, -168.0], [400.0, -230.0, -168.0], [-400.0, -230.0, -168.0]];
+    let mut x = seed;
+    let mut white = || {
+        let mut sum = 0.0;
+        for _ in 0..12 {
+            x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            sum += (x >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
+        }
+        noise * sum
+    };
+    let (aside, toward) = (600.0 * (white() / noise).clamp(-1.0, 1.0), white() / noise);
+    let (s, c) = (m::sin(toward), m::cos(toward));
+    let at = |t: f64| {
+        let (along, over) = if turn == 0.0 {
+            (7.0 * t, 0.0)
+        } else {
+            (7.0 / turn * m::sin(turn * t), 7.0 / turn * (1.0 - m::cos(turn * t)))
+        };
+        [s * along + c * (aside + over), c * along - s * (aside + over), -5.0]
+    };
+    let mut errors = [[0.0; 2]; 3].map(|e| e.map(|_: f64| white()));
+    let mut all = Vec::new();
+    for k in -100..100 {
+        for (array, array_m) in THREE.iter().enumerate() {
+            let emitted = f64::from(k) + 0.3 * array as f64;
+            let p = at(emitted);
+            let (a, e) = bearing(array_m, &p);
+            let d: f64 = p.iter().zip(array_m).map(|(x, y)| (x - y) * (x - y)).sum();
+            for e in &mut errors[array] {
+                *e = common * *e + m::sqrt(1.0 - common * common) * white();
+            }
+            let sighting = Sighting {
+                array_m: *array_m,
+                azimuth: a + errors[array][0],
+                elevation: elevation.then_some(e + errors[array][1]),
+                sd_azimuth: 0.026,
+                sd_elevation: 0.028,
+            };
+            all.push(DatedSighting { t_s: emitted + d.sqrt() / 1484.0, array, sighting });
+        }
+    }
+    all
+}
+
+#[test]
+fn a_turn_within_what_is_stated_of_bearings_is_said_and_the_errors_hold_it() {
+    for elevation in [true, false] {
+        for turn in [0.03f64, 0.1, 0.2].map(|x| x * m::PI / 180.0) {
+            for seed in 1..5 {
+                let motion = fit(&turning(turn, 0.0035, 0.0, elevation, seed), &MEASURED).unwrap();
+                assert!(motion.bent && !motion.consistent, "{turn} {elevation} {seed} {motion:?}");
+                // The heading at either end is half the turn off.
+                assert!(motion.heading().1 * 3.0 > 100.0 * turn, "{turn} {elevation} {seed} {motion:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_straight_way_is_none_whatever_errors_last() {
+    let mut said = [0; 3];
+    for (said, common) in said.iter_mut().zip([0.0, 0.8, 0.9]) {
+        for elevation in [true, false] {
+            for seed in 1..16 {
+                let found = fit(&turning(0.0, 0.0035, common, elevation, seed), &MEASURED);
+                *said += u32::from(found.is_ok_and(|motion| motion.bent));
+            }
+        }
+    }
+    assert!(said.iter().all(|n| *n <= 1), "{said:?} of 30");
 }
