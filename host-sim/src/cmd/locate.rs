@@ -22,6 +22,10 @@ const NEAR_M: f64 = 2_000.0;
 /// The same of stations at the ocean bottom.
 const FAR_M: f64 = 60_000.0;
 
+/// Share of the positions in which a station is set aside that is told, and how many are few: by chance it is one in a thousand.
+const OFTEN: f64 = 0.03;
+const FEW: usize = 2;
+
 /// Scatter of bearings about a straight course, over the claimed one, from which on it is told.
 const SCATTERED: f64 = 2.0;
 
@@ -214,11 +218,17 @@ fn warn_of(network: &Network, found: &JointTrack) {
     }
     if let Some(k) = found.wrong.clock {
         let (late_s, sd_s) = found.offsets[k].clock_s;
-        let first = found.offsets.iter().position(|o| o.clock_s.1 == 0.0 && o.azimuth.1 > 0.0).unwrap_or(0);
         log::warn!(
             "the clock of `{}` is {late_s:.2} s ± {sd_s:.2} s late against that of `{}`, more than their clock_sd_s allow",
             name(k),
-            name(first)
+            name(found.clock_of)
+        );
+    }
+    if let Some(k) = found.rejected {
+        log::warn!(
+            "`{}` contradicts the others, which agree, and is set aside: does it hear another vessel, or is its place, orientation or \
+             clock wrong?",
+            name(k)
         );
     }
     if found.bent {
@@ -278,7 +288,6 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
     let way = Way { sound_m_s: network.stations[0].sound_speed_m_s, thrice: heard.of_the_floor };
     let found = lasting::positions(&sets, &settings, &shared, &said, way);
     warn_of_lasting(network, &found);
-    let fixes = found.fixes;
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     if !args.json {
         writeln!(
@@ -287,12 +296,12 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
             "t_s", "t_source_s", "x_m", "y_m", "z_m", "sd_x", "sd_y", "sd_z"
         )?;
     }
-    for (set, fix) in sets.iter().zip(&fixes) {
+    for ((set, fix), given) in found.sets.iter().zip(&found.fixes).zip(&sets) {
         match (fix, args.json) {
             (Ok(fix), true) => {
-                writeln!(out, "{}", dated(record(network, set, fix, &way), &clock))?;
+                writeln!(out, "{}", dated(record(network, set, fix, given, &way), &clock))?;
             }
-            (Ok(fix), false) => writeln!(out, "{}", line(network, set, fix, &way))?,
+            (Ok(fix), false) => writeln!(out, "{}", line(network, set, fix, given, &way))?,
             (Err(e), true) => {
                 let record = json!({
                     "type": "no_fix", "t_s": set.t_s, "reason": e.to_string(), "stations": ids(network, set, None),
@@ -326,6 +335,16 @@ fn warn_of_lasting(network: &Network, found: &Positions) {
             "the stations contradict each other all the time: orientations or clocks are wrong by more than the network file \
              allows (--motion tells which), and the stated errors have grown"
         );
+    }
+    for (k, (station, (of, n))) in network.stations.iter().zip(found.aside).enumerate() {
+        if n > FEW && n as f64 > OFTEN * of as f64 {
+            let end = if found.left_out == Some(k) { "left out of all" } else { "set aside there" };
+            log::warn!(
+                "`{}` contradicts the others in {n} of {of} positions and is {end}: does it hear another vessel, or is its place, \
+                 orientation or clock wrong?",
+                station.name
+            );
+        }
     }
     if let Some(scatter) = found.scatter {
         log::warn!(
@@ -376,7 +395,14 @@ fn source_s(set: &SightingSet, fix: &Fix, way: &Way) -> f64 {
     set.t_s - way.mean_s(set, &fix.position_m)
 }
 
-fn record(network: &Network, set: &SightingSet, fix: &Fix, way: &Way) -> Value {
+/// The number of the station that was set aside at an instant, or left out of all; `given`: what was heard.
+fn rejected(network: &Network, set: &SightingSet, fix: &Fix, given: &SightingSet) -> Option<u16> {
+    let left_out = || given.stations.iter().find(|k| !set.stations.contains(k)).copied();
+    let station = fix.rejected.map(|i| set.stations[i]).or_else(left_out);
+    station.map(|k| network.stations[k].id)
+}
+
+fn record(network: &Network, set: &SightingSet, fix: &Fix, given: &SightingSet, way: &Way) -> Value {
     let [x, y, z] = fix.position_m;
     let c = &fix.covariance_m2;
     let mut record = json!({
@@ -390,18 +416,18 @@ fn record(network: &Network, set: &SightingSet, fix: &Fix, way: &Way) -> Value {
         record["lat_deg"] = lat.into();
         record["lon_deg"] = lon.into();
     }
-    if let Some(i) = fix.rejected {
-        record["rejected"] = network.stations[set.stations[i]].id.into();
+    if let Some(id) = rejected(network, set, fix, given) {
+        record["rejected"] = id.into();
     }
     record
 }
 
-fn line(network: &Network, set: &SightingSet, fix: &Fix, way: &Way) -> String {
+fn line(network: &Network, set: &SightingSet, fix: &Fix, given: &SightingSet, way: &Way) -> String {
     let [x, y, z] = fix.position_m;
     let sd = [0, 1, 2].map(|k| fix.covariance_m2[k][k].sqrt());
     let ids: Vec<_> = ids(network, set, fix.rejected).iter().map(u16::to_string).collect();
-    let remark = match (fix.rejected, fix.consistent) {
-        (Some(i), _) => format!(" (set aside: {})", network.stations[set.stations[i]].id),
+    let remark = match (rejected(network, set, fix, given), fix.consistent) {
+        (Some(id), _) => format!(" (set aside: {id})"),
         (None, false) => " (arrays disagree; errors enlarged)".to_owned(),
         (None, true) => String::new(),
     };

@@ -32,6 +32,18 @@ pub struct SightingSet {
     pub stations: Vec<usize>,
 }
 
+impl SightingSet {
+    /// The same instant without a station.
+    pub fn without(&self, station: usize) -> Self {
+        let others = || self.stations.iter().zip(&self.sightings).filter(|(k, _)| **k != station);
+        Self {
+            t_s: self.t_s,
+            sightings: others().map(|(_, seen)| *seen).collect(),
+            stations: others().map(|(k, _)| *k).collect(),
+        }
+    }
+}
+
 /// Gathers rows into sets: a set begins with the earliest row not yet used and takes every row within
 /// `SAME_SET_S` of it; of two rows of one station the earlier begins the next set. `rows` are sorted by time.
 pub fn gather(rows: &mut [BearingRow], arrays_m: &[[f64; 3]]) -> Vec<SightingSet> {

@@ -78,7 +78,7 @@ pub enum Scatter {
 pub struct Offset {
     /// By how much all azimuths are too large, radians.
     pub azimuth: (f64, f64),
-    /// How late the clock is against that of the first array that was heard, seconds.
+    /// How late the clock is against that of [`JointTrack::clock_of`], seconds.
     pub clock_s: (f64, f64),
 }
 
@@ -143,6 +143,8 @@ pub struct JointTrack {
     /// makes ([`Scatter::Measured`]): the vessel turns or changes its speed, or there are two. The covariance has grown by a bend;
     /// by runs it does not hold.
     pub bent: bool,
+    /// The array against whose clock the others' are told: the first that was heard whose clock is not `wrong`.
+    pub clock_of: usize,
     /// What the bearings of each array share, as far as they and what was assumed tell it.
     pub offsets: [Offset; MAX_ARRAYS],
     /// Measured over stated deviation of each array's azimuths and elevations, successive errors counted for what they have
@@ -250,7 +252,7 @@ fn by_told(told: &Problem<'_>, robust: bool) -> Result<JointTrack, NetworkError>
     let of = |problem: &Problem<'_>| {
         let state = problem.minimum().ok_or(NetworkError::NotObservable)?;
         let least = problem.covariance(&state).ok_or(NetworkError::NotObservable)?;
-        let motion = stated(problem, &state, least, 1.0)?;
+        let motion = stated(problem, &state, least, 1.0, Wrong::default())?;
         Ok(JointTrack { consistent: agrees(&motion), ..motion })
     };
     let all = of(told);
@@ -282,14 +284,14 @@ fn by_measured(told: &Problem<'_>, robust: bool) -> Result<JointTrack, NetworkEr
     let larger = Problem { scale, ..likeliest };
     let untold = if verdict.consistent { NetworkError::NotObservable } else { NetworkError::Contradictory };
     let least = larger.covariance(&state).ok_or(untold)?;
-    let motion =
-        stated(&larger, &state, larger.averaged(&state, &least), verdict.growth).map_err(|_| untold)?;
+    let averaged = larger.averaged(&state, &least);
+    let motion = stated(&larger, &state, averaged, verdict.growth, verdict.wrong).map_err(|_| untold)?;
     let mut offsets = motion.offsets;
-    let mut first_s = None;
+    let [_, reference_s] = likeliest.likeliest(motion.clock_of, &state);
     for array in likeliest.arrays() {
         let [turned, late_s] = likeliest.likeliest(array, &state);
         offsets[array].azimuth.0 = turned;
-        offsets[array].clock_s.0 = late_s - *first_s.get_or_insert(late_s);
+        offsets[array].clock_s.0 = late_s - reference_s;
     }
     let beyond = courses.bend.and_then(|bend| bend.beyond(&motion.covariance));
     let bent = courses.bent || beyond.is_some();
@@ -303,7 +305,6 @@ fn by_measured(told: &Problem<'_>, robust: bool) -> Result<JointTrack, NetworkEr
         growth: motion.growth * grown,
         offsets,
         rejected: verdict.rejected,
-        wrong: verdict.wrong,
         consistent: verdict.consistent && !bent,
         bent,
         scatter: courses.scale,
@@ -317,12 +318,16 @@ fn stated(
     state: &[f64; 4],
     least: Square<4>,
     growth: f64,
+    wrong: Wrong,
 ) -> Result<JointTrack, NetworkError> {
     let state = *state;
     let (misfit, freedom) = (problem.misfit(&state), problem.angles().saturating_sub(4));
     let growth = growth.max(1.0) * (misfit / f64::from(freedom.max(1))).max(1.0);
     let covariance = least.map(|row| row.map(|x| x * growth));
-    let offsets = problem.offsets(&state, &covariance, growth);
+    let mut arrays = problem.arrays();
+    let first = arrays.clone().next().unwrap_or(0);
+    let clock_of = arrays.find(|k| wrong.clock != Some(*k)).unwrap_or(first);
+    let offsets = problem.offsets(&state, &covariance, growth, clock_of);
     let [[xx, xy, ..], [_, yy, ..], ..] = covariance;
     let sd = m::sqrt(spd::largest_eigenvalue(&[[xx, xy], [xy, yy]]));
     let finite = state.iter().all(|x| x.is_finite());
@@ -337,9 +342,10 @@ fn stated(
         misfit,
         freedom,
         rejected: None,
-        wrong: Wrong::default(),
+        wrong,
         consistent: true,
         bent: false,
+        clock_of,
         offsets,
         scatter: [[1.0; 2]; MAX_ARRAYS],
     })

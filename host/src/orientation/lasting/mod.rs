@@ -8,6 +8,9 @@
 //! residuals show over the one claimed, with what successive ones have in common.
 //!
 //! Errors that are larger than their priors allow are a contradiction: it is said, and the priors grow until they allow them.
+//! Clocks are told against that of the first station, or of the next where that takes less of all others. A station that contradicts the
+//! others in most of the positions is left out of all of them: instant by instant it would now and then take another with it.
+//!
 //! Every position is made anew from bearings without `u`, and what stays unknown of `u` is in its covariance: an orientation's
 //! error is in every position alike, and no number of them averages it out.
 
@@ -37,6 +40,8 @@ const LONGEST_STEP: f64 = 0.5;
 const EXPLAINED: f64 = 1.5;
 /// Least of it that is believed.
 const LEAST_NOISE: f64 = 1e-3;
+/// Share of the positions of three or more stations in which one is set aside, beyond which it is left out of all.
+const MOSTLY: f64 = 0.5;
 /// Deviations of its prior beyond which an error is named where there is a contradiction.
 const NAMED: f64 = 2.0;
 
@@ -53,12 +58,18 @@ pub struct Lasting {
 
 /// Positions, and what they tell of the arrays.
 pub struct Positions {
+    /// What they rest on: the bearings without those of a station that is left out.
+    pub sets: Vec<SightingSet>,
     /// One a set.
     pub fixes: Vec<Result<Fix, NetworkError>>,
     /// Of each station, where the stations contradict each other.
     pub contradicted: Option<[Lasting; MAX_ARRAYS]>,
     /// Variance of the residuals over the claimed one, where that is more than chance.
     pub scatter: Option<f64>,
+    /// The station that is left out.
+    pub left_out: Option<usize>,
+    /// Of each station, in how many positions of three or more stations it is, and in how many of these it is set aside.
+    pub aside: [(usize, usize); MAX_ARRAYS],
 }
 
 /// Positions of all sets. `shared`: deviations of what the bearings of each station share, `said`: those among them that
@@ -71,24 +82,42 @@ pub fn positions(
     said: &[SharedError; MAX_ARRAYS],
     way: Way,
 ) -> Positions {
-    let heard = Heard { sets, way, bar: progress::bar(0, "fixes") };
-    let mut best = Fitted::simplest(&heard, settings, shared);
+    let all = Heard { sets, way, bar: progress::bar(0, "fixes") };
+    let mut best = Fitted::simplest(&all, settings, shared, None);
+    let at_first = best.aside();
+    let left_out = at_first.iter().position(|(of, n)| *of >= LEAST_FIXES && *n as f64 > MOSTLY * *of as f64);
+    let rest = left_out.map(|station| sets.iter().map(|set| set.without(station)).collect::<Vec<_>>());
+    let heard = Heard { sets: rest.as_deref().unwrap_or(sets), ..all };
+    if left_out.is_some() {
+        best = Fitted::simplest(&heard, settings, shared, None);
+    }
     let told = best.unknowns().max(1.0);
-    let excess = best.state.iter().map(|w| w * w).sum::<f64>();
+    let excess = best.excess();
     let contradict = excess > misfit_limit(told.ceil() as u32);
     if contradict {
         // Errors beyond what was allowed first may explain all.
         let growth = (excess / told).sqrt();
         let grown = shared.map(|s| SharedError { azimuth: growth * s.azimuth, clock_s: growth * s.clock_s });
-        best = Fitted::simplest(&heard, settings, &grown);
+        best = Fitted::simplest(&heard, settings, &grown, None);
+        // All others late alike: it is the clock they are told against.
+        if let Some(next) = best.next_clock(shared) {
+            let other = Fitted::simplest(&heard, settings, &grown, Some(next));
+            if other.excess() < best.excess() {
+                best = other;
+            }
+        }
     } else if said != shared {
-        best = Fitted::of(&heard, &best.settings, said);
+        best = Fitted::of(&heard, &best.settings, said, None);
     }
     heard.bar.finish_and_clear();
     let contradicted = contradict.then(|| best.told(shared));
+    let others = best.aside();
+    let aside = core::array::from_fn(|k| if left_out == Some(k) { at_first[k] } else { others[k] });
     let scatter = best.scatter();
     let agree = contradicted.is_none() && scatter.is_none();
-    Positions { fixes: best.stated(scatter.unwrap_or(1.0), agree), contradicted, scatter }
+    let fixes = best.stated(scatter.unwrap_or(1.0), agree);
+    let sets = heard.sets.to_vec();
+    Positions { sets, fixes, contradicted, scatter, left_out, aside }
 }
 
 /// What was heard, and how far it is.
@@ -128,19 +157,30 @@ struct Fitted {
 
 impl Fitted {
     /// With no array set aside, where errors that last explain what they disagree in; else instant by instant.
-    fn simplest(heard: &Heard<'_>, settings: &FixSettings, shared: &[SharedError; MAX_ARRAYS]) -> Self {
-        let whole = Self::of(heard, &FixSettings { robust: false, ..*settings }, shared);
-        if whole.explains() || !settings.robust { whole } else { Self::of(heard, settings, shared) }
+    /// `clock_of`: the station against whose clock the others' are told; else the first.
+    fn simplest(
+        heard: &Heard<'_>,
+        settings: &FixSettings,
+        shared: &[SharedError; MAX_ARRAYS],
+        clock_of: Option<usize>,
+    ) -> Self {
+        let whole = Self::of(heard, &FixSettings { robust: false, ..*settings }, shared, clock_of);
+        if whole.explains() || !settings.robust { whole } else { Self::of(heard, settings, shared, clock_of) }
     }
 
-    fn of(heard: &Heard<'_>, settings: &FixSettings, shared: &[SharedError; MAX_ARRAYS]) -> Self {
+    fn of(
+        heard: &Heard<'_>,
+        settings: &FixSettings,
+        shared: &[SharedError; MAX_ARRAYS],
+        clock_of: Option<usize>,
+    ) -> Self {
         let mut prior = [0.0; N];
         for (k, of) in shared.iter().enumerate() {
             (prior[k], prior[MAX_ARRAYS + k]) = (of.azimuth, of.clock_s);
         }
-        // Clocks are told against that of the first array.
-        if let Some(first) = heard.sets.iter().flat_map(|set| &set.stations).min() {
-            prior[MAX_ARRAYS + first] = 0.0;
+        let first = heard.sets.iter().flat_map(|set| &set.stations).min().copied();
+        if let Some(station) = clock_of.or(first) {
+            prior[MAX_ARRAYS + station] = 0.0;
         }
         let mut new = Self {
             settings: *settings,
@@ -246,6 +286,33 @@ impl Fitted {
             let fix = fix.as_ref().ok().filter(|fix| fix.freedom > 0 && !fix.height_at_limit)?;
             sums(set, fix, v, &self.prior)
         })
+    }
+
+    /// Of each station, in how many positions of three or more it is, and in how many of these it is set aside.
+    fn aside(&self) -> [(usize, usize); MAX_ARRAYS] {
+        let mut out = [(0, 0); MAX_ARRAYS];
+        let found = self.sets.iter().zip(&self.fixes).filter(|(set, _)| set.stations.len() >= 3);
+        for (set, fix) in found.filter_map(|(set, fix)| Some((set, fix.as_ref().ok()?))) {
+            for (k, station) in set.stations.iter().enumerate() {
+                out[*station].0 += 1;
+                out[*station].1 += usize::from(fix.rejected == Some(k));
+            }
+        }
+        out
+    }
+
+    /// Squares of what was found of the arrays, in deviations of what was allowed.
+    fn excess(&self) -> f64 {
+        self.state.iter().map(|w| w * w).sum()
+    }
+
+    /// The second of three or more stations, where the clocks of all but the first are off by more than allowed.
+    fn next_clock(&self, shared: &[SharedError; MAX_ARRAYS]) -> Option<usize> {
+        let heard = |k: &usize| self.sets.iter().any(|set| set.stations.contains(k));
+        let told = self.told(shared);
+        let mut others = (0..MAX_ARRAYS).filter(heard).skip(1);
+        let all = others.clone().count() >= 2 && others.clone().all(|k| told[k].beyond.1);
+        others.next().filter(|_| all)
     }
 
     /// Whether the residuals are about as large as claimed.

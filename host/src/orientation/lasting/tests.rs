@@ -155,7 +155,7 @@ fn told(arrays_m: [[f64; 3]; 2], aside_m: f64, told: SharedError) -> (f64, f64) 
         }
         let sets = gather(&mut rows, &arrays_m);
         let heard = Heard { sets: &sets, way: Way::straight(SOUND_M_S), bar: progress::bar(0, "fixes") };
-        let late = Fitted::simplest(&heard, &settings, &shared).told(&shared)[1].clock_s;
+        let late = Fitted::simplest(&heard, &settings, &shared, None).told(&shared)[1].clock_s;
         late2 += ((late.0 - (off[1].1 - off[0].1)) / late.1).powi(2);
         let found = positions(&sets, &settings, &shared, &shared, Way::straight(SOUND_M_S));
         for (set, fix) in sets.iter().zip(&found.fixes).filter(|(set, _)| set.stations.len() == 2) {
@@ -182,5 +182,38 @@ fn what_is_told_of_orientations_and_clocks_is_in_every_position() {
     for ((arrays_m, aside_m), errors) in [(wide, few), (close, few), (close, many)] {
         let (late, held) = told(arrays_m, aside_m, errors);
         assert!((0.7..1.3).contains(&late) && held > 0.92, "{arrays_m:?} {errors:?}: {late} {held}");
+    }
+}
+
+#[test]
+fn a_station_that_contradicts_the_others_all_the_time_is_left_out_and_said() {
+    for seed in 0..4 {
+        for turned in [40.0, -90.0, 180.0] {
+            let sets = heard(3, turned * RAD_PER_DEG, 0.0, seed);
+            let (found, held, _) = judged(&sets, &NONE);
+            let what = format!("seed {seed}, {turned}°: {held} {:?} {:?}", found.left_out, found.aside);
+            assert!(found.left_out == Some(1) && found.contradicted.is_none() && held > 0.85, "{what}");
+            assert!(found.aside[1].1 > 50 && found.aside[0].1 + found.aside[2].1 == 0, "{what}");
+        }
+    }
+}
+
+#[test]
+fn the_first_of_three_clocks_is_named_where_it_is_the_wrong_one() {
+    for seed in 0..4 {
+        for late_s in [8.0, -12.0] {
+            let late = |set: &SightingSet| SightingSet {
+                stations: set.stations.iter().map(|k| [1, 0, 2][*k]).collect(),
+                ..set.clone()
+            };
+            let sets: Vec<SightingSet> = heard(3, 0.0, late_s, seed).iter().map(late).collect();
+            let found = positions(&sets, &SETTINGS, &TOLD, &NONE, Way::straight(SOUND_M_S));
+            let told = found.contradicted.expect("said").map(|of| of.clock_s);
+            let what = format!("seed {seed}, {late_s} s: {told:?}");
+            assert!(
+                (told[0].0 - late_s).abs() < 2.0 && told[1].0.abs() < 2.0 && told[2].0.abs() < 2.0,
+                "{what}"
+            );
+        }
     }
 }

@@ -278,12 +278,19 @@ impl<'a> Problem<'a> {
         if of_place(&mean) <= MOST_WIDENED * of_place(least) { mean } else { *least }
     }
 
-    /// What each array shares at a state of this covariance; `growth`: of the arrays' own variances.
-    pub fn offsets(&self, state: &[f64; 4], covariance: &Square<4>, growth: f64) -> [Offset; MAX_ARRAYS] {
+    /// What each array shares at a state of this covariance; `growth`: of the arrays' own variances; `clock_of`: whose clock the others'
+    /// are told against.
+    pub fn offsets(
+        &self,
+        state: &[f64; 4],
+        covariance: &Square<4>,
+        growth: f64,
+        clock_of: usize,
+    ) -> [Offset; MAX_ARRAYS] {
         let mut out = [Offset::default(); MAX_ARRAYS];
-        // Of the first array: how late its clock is, the variance of that, and what it follows the state by.
+        // Of that one, which comes first: how late its clock is, the variance of that, and what it follows the state by.
         let mut first: Option<(f64, f64, [f64; 4])> = None;
-        for array in self.arrays() {
+        for array in core::iter::once(clock_of).chain(self.arrays().filter(|k| *k != clock_of)) {
             let at = self.likeliest(array, state);
             let h = self.of_array(array, state, at).information(&[true; 6]);
             let free = self.shared_variances(array).map(|v| if v > 0.0 { growth } else { 0.0 });

@@ -123,6 +123,7 @@ fn closest_approach() {
         wrong: Wrong::default(),
         consistent: true,
         bent: false,
+        clock_of: 0,
         offsets: [Offset::default(); MAX_ARRAYS],
         scatter: [[1.0; 2]; MAX_ARRAYS],
     };
@@ -199,6 +200,24 @@ fn what_is_wrong_is_told_by_the_scatter_that_the_bearings_show() {
     // The errors that were stated would hide it.
     let told = JointSettings { scatter: Scatter::Told, ..MEASURED };
     assert!(fit(&noisy(&APART, true, 0.005, 0.052, 0.0), &told).unwrap().consistent);
+}
+
+#[test]
+fn the_first_of_three_arrays_is_named_where_its_clock_is_wrong() {
+    let three = [APART[0], APART[1], [300.0, 700.0, -100.0]];
+    for late in 0..3 {
+        let mut all = noisy(&three, true, 0.002, 0.0, 0.0);
+        all.iter_mut().filter(|b| b.array == late).for_each(|b| b.t_s += 30.0);
+        all.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        let found = fit(&all, &MEASURED).unwrap();
+        assert_eq!(found.wrong, Wrong { orientation: None, clock: Some(late) }, "{found:?}");
+        for (k, offset) in found.offsets.iter().take(3).enumerate() {
+            let told = if k == late { 30.0 } else { 0.0 };
+            assert!((offset.clock_s.0 - told).abs() < 1.0, "{late} {k} {found:?}");
+            assert_eq!(offset.clock_s.1 == 0.0, k == found.clock_of, "{late} {k} {found:?}");
+        }
+        assert_eq!(found.clock_of, usize::from(late == 0));
+    }
 }
 
 #[test]
