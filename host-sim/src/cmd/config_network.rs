@@ -157,7 +157,7 @@ fn row(network: &Network, of: &Bearings, pass: &Passage, range_m: f64) -> Value 
             [x0 + range_m * s, y0 + range_m * c]
         })
         .collect();
-    let positions: Vec<_> = places.iter().map(|p| at(network, of, *p)).collect();
+    let positions: Vec<_> = places.iter().map(|p| at(network, of, pass.speed_m_s, *p)).collect();
     let [ways, alone] = [true, false].map(|elevations| -> Vec<_> {
         places.iter().map(|p| passage(network, of, pass, elevations, *p)).collect()
     });

@@ -2,13 +2,14 @@
 //!
 //! Nothing here is of its own: positions are bounded by [`seabearing_locate::network::bound`], passages by the information of
 //! [`seabearing_locate::network::joint`], both as the experiments do. The error of an array's orientation is in each azimuth of a
-//! position, and an unknown of a passage.
+//! position, and an unknown of a passage. That of its clock against the first array's puts the vessel elsewhere on its way: where the list
+//! says how large it is, it is in each bearing of a position, the vessel's heading being anything; in a passage it is an unknown.
 
 use crate::orientation::network_file::Network;
 use seabearing_core::kit::{median, spd};
 use seabearing_locate::network::joint::{DatedSighting, JointSettings, Scatter, bound};
 use seabearing_locate::network::locate::LARGEST_RELATIVE_SD;
-use seabearing_locate::network::model::bearing;
+use seabearing_locate::network::model::{bearing, gradients};
 use seabearing_locate::network::{MAX_ARRAYS, Sighting, bound::about, known_depth_bound, rectangular_bound};
 
 /// Directions of ways through a place whose median is stated.
@@ -67,14 +68,26 @@ pub fn centre(network: &Network) -> [f64; 2] {
     [0, 1].map(|k| network.arrays_m.iter().map(|a| a[k]).sum::<f64>() / n)
 }
 
-/// What is to be expected of a source at a place.
-pub fn at(network: &Network, of: &Bearings, [x, y]: [f64; 2]) -> Expected {
+/// What is to be expected of a source at a place, of a vessel of this speed.
+pub fn at(network: &Network, of: &Bearings, speed_m_s: f64, [x, y]: [f64; 2]) -> Expected {
     let source_m = [x, y, -of.depth_m];
+    let clocks = network.said(&[]);
     let sightings: Vec<Sighting> = network
         .arrays_m
         .iter()
-        .zip(&network.sd_orientation)
-        .map(|(array_m, sd)| sighting(array_m, &source_m, of, of.sd_azimuth.hypot(*sd)))
+        .enumerate()
+        .map(|(k, array_m)| {
+            // Clocks are told against the first. Of a way of any heading half the variance is along a gradient.
+            let late_s = if k == 0 { 0.0 } else { clocks[k].clock_s };
+            let away_m = late_s * speed_m_s / std::f64::consts::SQRT_2;
+            let (a, e) = gradients(array_m, &source_m);
+            let seen = sighting(array_m, &source_m, of, of.sd_azimuth.hypot(network.sd_orientation[k]));
+            Sighting {
+                sd_azimuth: seen.sd_azimuth.hypot(away_m * a[0].hypot(a[1])),
+                sd_elevation: seen.sd_elevation.hypot(away_m * e[0].hypot(e[1])),
+                ..seen
+            }
+        })
         .collect();
     let alone: Vec<Sighting> = sightings.iter().map(|s| Sighting { elevation: None, ..*s }).collect();
     let away = |a: &[f64; 3]| source_m.iter().zip(a).map(|(s, a)| (s - a).powi(2)).sum::<f64>().sqrt();
@@ -165,5 +178,32 @@ fn sighting(array_m: &[f64; 3], source_m: &[f64; 3], of: &Bearings, sd_azimuth: 
         elevation: Some(elevation),
         sd_azimuth,
         sd_elevation: of.sd_elevation,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_list_says_of_clocks_is_in_positions() {
+        let dir = tempfile::tempdir().unwrap();
+        let of_clocks = |said: &str| {
+            let path = dir.path().join("network.toml");
+            let station = |id: u8, x: f64| {
+                format!(
+                    "[[stations]]\nid = {id}\nname = \"s{id}\"\nposition = {{ local_m = [{x:.1}, 0.0, -100.0] }}\n{said}\n"
+                )
+            };
+            std::fs::write(&path, station(1, -400.0) + &station(2, 400.0)).unwrap();
+            let network = Network::read(&path).unwrap();
+            let of = Bearings { sd_azimuth: 0.0035, sd_elevation: 0.005, depth_m: 5.0 };
+            at(&network, &of, 10.0, [100.0, 300.0]).position_m.unwrap()
+        };
+        let (silent, good) = (of_clocks(""), of_clocks("clock_sd_s = 0.001"));
+        let (poor, none) = (of_clocks("clock_sd_s = 2.0"), of_clocks("clock_sd_s = 1000.0"));
+        assert!((good / silent - 1.0).abs() < 0.01, "{good} {silent}");
+        // Two seconds of 10 m/s are 20 m of the second array; with no clock the first array alone is left.
+        assert!(poor > 1.5 * good && poor < good.hypot(20.0) && none > 1.05 * poor, "{good} {poor} {none}");
     }
 }

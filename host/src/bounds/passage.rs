@@ -216,7 +216,7 @@ impl Assumed {
             sd_elevation: self.elevation_sd.hypot(self.elevation_bias_sd),
             depth_m: array.vessel_depth_m,
         };
-        let position_m = network::at(&alone, &bearings, [0.0, range_m]).position_m?;
+        let position_m = network::at(&alone, &bearings, 0.0, [0.0, range_m]).position_m?;
         Some(position_m.hypot(range_m * self.recorder.height_sd_m / height_m))
     }
 }

@@ -34,7 +34,7 @@ pub fn map(network: &Network, of: &Bearings, pass: &Passage, half_m: f64, path: 
         [x0 + middle(n % CELLS), y0 + middle(n / CELLS)]
     };
     let told = |n: usize| {
-        let here = at(network, of, place(n));
+        let here = at(network, of, pass.speed_m_s, place(n));
         let way = passage(network, of, pass, true, place(n));
         [
             here.position_m,
