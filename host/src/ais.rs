@@ -145,13 +145,18 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<AisReport>, Vec<String>)> {
         Some(i) => (Some(i), KNOT_M_S, 102.1),
         None => (find(&["speed"]), 0.1 * KNOT_M_S, 1021.0),
     };
+    // Of one provider's files alone it is known; a speed in knots is written the same.
+    if knots.is_some() && scale < KNOT_M_S && find(&["timestamp utc"]).is_none() {
+        log::warn!("{name}: column `speed` is taken for tenths of a knot; call it `sog` if it is in knots");
+    }
     let (status, ship_type) = (find(&["status", "navigationstatus"]), find(&["aisshiptype"]));
     let (receiver, length) = (find(&["station"]), find(&["shiplength", "length_m"]));
-    let whole = find(&["time", "timestamp utc"]);
+    let whole = find(&["time", "timestamp utc", "timestamp", "basedatetime"]);
     let parts = find(&["locdate"]).zip(find(&["loctime"]));
     if whole.is_none() && parts.is_none() {
         bail!(
-            "{name}: unknown AIS layout; a column for the time is needed, the header is `{}`",
+            "{name}: unknown AIS layout; a column for the time is needed (`time`, `timestamp`, `timestamp utc` or `basedatetime`, or `locdate` \
+             and `loctime`), the header is `{}`",
             shown(header)
         );
     }
@@ -317,6 +322,11 @@ mod tests {
                 (r[0].speed_m_s.unwrap() - 5.1444).abs() < 1e-3 && (r[0].t_s - 1_354_735_929.0).abs() < 10.0
             );
         }
+        // The columns of the United States' files.
+        let us = "MMSI,BaseDateTime,LAT,LON,SOG\n7,2012-12-05T19:32:09,50.01,-1.0,10\n";
+        assert_eq!(parse(us, "x").unwrap().0[0], AisReport { t_s: all[1].0[0].t_s, ..all[1].0[0] });
+        let said = parse("MMSI,when,LAT,LON\n7,1,50.0,-1.0\n", "x").unwrap_err().to_string();
+        assert!(said.contains("`basedatetime`") && said.lines().count() == 1, "{said}");
         assert_eq!(all[2].1, ["x, line 3: no MMSI, time or position in `x,,,`"]);
         assert!(parse("a,b\n1,2\n", "x").is_err());
     }

@@ -4,9 +4,10 @@ mod contradiction;
 mod few;
 pub mod late;
 mod scatter;
+mod units;
 
 use crate::csv::{CsvTable, good_rows};
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 pub use contradiction::Contradiction;
 pub use few::Few;
 use late::{Lateness, Told};
@@ -93,7 +94,13 @@ impl Solved {
 /// The station is no array, a column is missing, or no row is usable.
 pub fn solve(config: &StationConfig, tdoa: &Path, tolerance_s: Option<f64>) -> Result<Solved> {
     let name = tdoa.display().to_string();
-    solve_rows(config, good_rows(&name, CsvTable::read(tdoa)?.numbers(COLUMNS)?)?, tolerance_s)
+    let rows = good_rows(&name, CsvTable::read(tdoa)?.numbers(COLUMNS)?)?;
+    if matches!(config.kind, Kind::Array(_))
+        && let Ok(geometry) = config.geometry()
+    {
+        units::check(&geometry, &rows).with_context(|| name.clone())?;
+    }
+    solve_rows(config, rows, tolerance_s)
 }
 
 /// The same of rows as the file has them, in any order.
