@@ -10,8 +10,9 @@ use crate::csv::{CsvTable, good_rows};
 use anyhow::{Context, Result, anyhow, bail};
 pub use contradiction::Contradiction;
 pub use few::Few;
-use late::{Lateness, Told};
+use late::{Lateness, Model, Told};
 use seabearing_core::config::{Kind, StationConfig};
+use seabearing_core::geometry::PAIRS;
 use seabearing_locate::delays::continuity::Continuity;
 use seabearing_locate::delays::tdoa::{DelaySolution, Solver};
 use std::path::Path;
@@ -87,6 +88,47 @@ impl Solved {
     }
 }
 
+/// Share of the sets that are off that lateness of all sets puts right, at least.
+const PUT_RIGHT: f64 = 0.5;
+/// How far the length of a set's vector may be from one, as the outlier test has it.
+const OFF: f64 = 0.05;
+
+/// The sets that give a direction as they are, where these are most and lateness found in all does not put right those whose length is off: what
+/// is off in a few sets is none of all, and where the rest leaves a direction free these few alone decide it.
+fn others_than(
+    solver: &Solver,
+    model: &Model,
+    tolerance_s: f64,
+    rows: &[[f64; 7]],
+    each_s: [f64; 4],
+) -> Option<Vec<[f64; 6]>> {
+    let off = |delays: &[f64; 6]| {
+        let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        model.vector(delays, tolerance_s).map(|v| (length(v) - 1.0).abs() > OFF)
+    };
+    let (mut all, mut put_right) = (0.0, 0.0);
+    for [_, delays @ ..] in rows {
+        if off(delays) == Some(true) {
+            let mut delays = *delays;
+            for (d, (i, j)) in delays.iter_mut().zip(PAIRS) {
+                *d -= each_s[j] - each_s[i];
+            }
+            all += 1.0;
+            put_right += f64::from(u8::from(off(&delays) == Some(false)));
+        }
+    }
+    if all == 0.0 || put_right >= PUT_RIGHT * all {
+        return None;
+    }
+    let mut continuity = Continuity::new();
+    let good = |[t_s, delays @ ..]: &[f64; 7]| {
+        let found = solver.solve(&mut continuity, *t_s, &delays.map(|d| d as f32));
+        found.is_some_and(|s| s.accepted).then_some(*delays)
+    };
+    let good: Vec<[f64; 6]> = rows.iter().filter_map(good).collect();
+    (2 * good.len() > rows.len()).then_some(good)
+}
+
 /// Bearings of all sets of a file, in order of time; bad rows are named on stderr and left out. `tolerance_s`: greatest root-mean-square
 /// residual of an accepted set, instead of the usual one.
 ///
@@ -127,7 +169,16 @@ pub fn solve_rows(
         tolerance_s: solver.tolerance_s().into(),
     };
     let delays: Vec<[f64; 6]> = rows.iter().map(|[_, delays @ ..]| *delays).collect();
-    let lateness = late::lateness(&geometry, &told, &delays);
+    let lateness = match late::lateness(&geometry, &told, &delays) {
+        Some(all) if all.said().is_some() => {
+            let model = Model::new(&geometry, &told);
+            match others_than(&solver, &model, told.tolerance_s, &rows, all.each_s) {
+                Some(good) => late::lateness(&geometry, &told, &good),
+                None => Some(all),
+            }
+        }
+        other => other,
+    };
     let solver = match &lateness {
         Some(lateness) => solver.late(lateness.unsure_s()),
         None => solver,
