@@ -9,7 +9,9 @@
 //!   Both signs in turn, but a horizontal component with one only: that is the vertical one.
 //!   A floor that reflects everything moves up and down a quarter of a period after pressure, and what goes with it is little: the vertical
 //!   one votes where it is slightly coherent already. What chance adds is as much on either side, and cannot make it lean. A
-//!   component has both signs only where it was clearly so.
+//!   component has both signs only where it was clearly so, and for long: of a vessel whose power is in few lines the vertical motion goes with
+//!   pressure now with one sign and now with the other, as paths interfere along its way (every few minutes, up to ten at its closest
+//!   point), where a horizontal component changes its sign once, as the vessel comes abeam.
 //! - Gain of the horizontal components: by noise and by vessels (`gains`).
 //! - A horizontal component that hears nothing: while vessels pass the other (`deaf`).
 //! - Pressure exchanged with a component of motion: what is called so has no part in some vessels' sound (`misplaced`).
@@ -37,6 +39,9 @@ pub(super) const COHERENT: [f32; 2] = [0.06, 0.12];
 const VOTES: u16 = 90;
 const FEW_VOTES: u16 = 40;
 const MOST_VOTES: u16 = 360;
+
+/// Minutes in a row from which on a sign is clearly so.
+const LASTING: u8 = 20;
 
 /// Share of the slight votes that says which sign a component has, and from which on it has one only; of the clear ones that below which it
 /// has both. Percent.
@@ -144,10 +149,13 @@ impl Votes {
 struct Signs {
     slight: Votes,
     clear: Votes,
+    /// The last clear sign, and minutes in a row that had it.
+    with: bool,
+    minutes: u8,
 }
 
 impl Signs {
-    const NONE: Self = Self { slight: Votes::NONE, clear: Votes::NONE };
+    const NONE: Self = Self { slight: Votes::NONE, clear: Votes::NONE, with: false, minutes: 0 };
 
     fn is_both_sided(&self) -> bool {
         self.clear.lean(BOTH_SIDES) == Some(false)
@@ -241,7 +249,14 @@ impl Checks {
         let [slightly, clearly] = COHERENT.map(|least| least * chance);
         for (signs, coherence) in self.signs.iter_mut().zip(coherence) {
             signs.slight.take(*coherence, slightly);
-            signs.clear.take(*coherence, clearly);
+            if math::f32::abs(*coherence) > clearly {
+                let with = *coherence > 0.0;
+                let before = if with == signs.with { signs.minutes } else { 0 };
+                (signs.with, signs.minutes) = (with, before.saturating_add(1));
+                if signs.minutes >= LASTING {
+                    signs.clear.take(*coherence, clearly);
+                }
+            }
         }
     }
 
@@ -451,6 +466,22 @@ mod tests {
         // One that is not heard at all is nothing, not even where all vessels pass north.
         assert_eq!(over_a_floor(0.0, 0.0, |v| v), []);
         assert_eq!(over_a_floor(0.0, 1.2, |v| v), []);
+    }
+
+    #[test]
+    fn a_vessel_of_one_line_exchanges_nothing() {
+        // It passes north of the station; the sign of its vertical motion turns as its paths interfere, slowest at the closest point.
+        let passage = |order: fn([f32; 3]) -> [f32; 3]| {
+            said(1200, Heard::Vessel, |n| {
+                let minutes = (n % 400) as f32 - 200.0;
+                let range_m = math::f32::hypot(4000.0, 270.0 * minutes);
+                let (north, east) = (4000.0 / range_m, 270.0 * minutes / range_m);
+                let vertical = 0.3 * math::f32::cos(math::f32::TAU * range_m / 1000.0) - 0.1;
+                vessel(order([0.5 * north + 0.2, 0.5 * east, vertical]))
+            })
+        };
+        assert_eq!(passage(|v| v), []);
+        assert_eq!(passage(|[n, e, z]| [-n, e, z]), []);
     }
 
     #[test]

@@ -7,6 +7,8 @@
 //! counted in which two components go together and another with none of the three others: a channel that is absent where those others
 //! agree is no pressure, and of those beside it the one that never is absent takes its place. What goes together beside it is
 //! vessels' where north and east do with both signs, for an instrument that shakes does so along one axis for long.
+//! Pressure of two vessels on opposite sides goes with neither horizontal component, which go together; but it is loud then. Absent
+//! is only what is as quiet as where no vessel is heard.
 //! Vertical motion goes with pressure with one sign (`checks`), also where the two are exchanged: what a shaking
 //! instrument has of pressure has either.
 //!
@@ -21,6 +23,11 @@ use crate::math;
 /// Least squared coherence of the two that agree best, and the share of it below which a third is with neither.
 const STRONG: f32 = 0.15;
 const ABSENT: f32 = 0.125;
+
+/// Power of what is called pressure up to which it hears no vessel, in its least, and the part of that by which the least grows a minute
+/// (twice as much in six hours), for the sea grows louder too.
+const QUIET: f32 = 1.5;
+const GROWS: f32 = 1.0 / 512.0;
 
 /// Minutes in which each of those was absent that must have been, and those of one channel from which on the older half is forgotten.
 const MINUTES: u16 = 4;
@@ -49,6 +56,8 @@ pub(super) struct Misplaced {
     /// While what is called pressure was: of north with east, and of it with the vertical one.
     horizontals: Votes,
     vertical: Votes,
+    /// The least power of what is called pressure; 0 before the first minute.
+    least: f32,
 }
 
 /// Where pressure is.
@@ -65,11 +74,14 @@ pub(super) enum Pressure {
 impl Misplaced {
     /// Nothing known; all zeros.
     pub(super) const NONE: Self =
-        Self { absent: [0; CHANNELS], horizontals: Votes::NONE, vertical: Votes::NONE };
+        Self { absent: [0; CHANNELS], horizontals: Votes::NONE, vertical: Votes::NONE, least: 0.0 };
 
     /// Takes a minute.
     pub(super) fn minute(&mut self, m: &Moments) {
         let [p, n, e, z] = m.power;
+        let power = p / m.instants.max(1) as f32;
+        let grown = self.least * (1.0 + GROWS);
+        self.least = if grown > 0.0 { grown.min(power) } else { power };
         let ([_, pn, pe, pz], [nz, ez]) = (m.with_pressure, m.with_vertical);
         // Squared coherences with the sign of the product.
         let signed =
@@ -90,14 +102,15 @@ impl Misplaced {
             return;
         }
         let is_absent = |x: f32| x < ABSENT * most;
-        for (count, best) in self.absent.iter_mut().zip(best) {
-            *count += u16::from(is_absent(best));
+        let [pressure, ..] = best;
+        let quiet = power <= QUIET * self.least;
+        for (c, (count, best)) in self.absent.iter_mut().zip(best).enumerate() {
+            *count += u16::from(is_absent(best) && (c > 0 || quiet));
         }
         if self.absent.iter().any(|count| *count >= MOST) {
             self.absent.iter_mut().for_each(|count| *count /= 2);
         }
-        let [pressure, ..] = best;
-        if is_absent(pressure) {
+        if is_absent(pressure) && quiet {
             let [slightly, clearly] = COHERENT;
             self.horizontals.take(ne, clearly * clearly);
             self.vertical.take(pz, slightly * slightly);
@@ -193,6 +206,24 @@ pub(super) mod tests {
         assert_eq!(found([3, 1, 2, 0], true), Pressure::Elsewhere(3, true));
         // All on one side.
         assert_eq!(found([1, 0, 2, 3], false), Pressure::Elsewhere(1, false));
+    }
+
+    #[test]
+    fn pressure_of_vessels_on_opposite_sides_is_pressure() {
+        // Both as loud: what pressure has of one with a component it has of the other against it. Before them none is heard, then one.
+        let mut misplaced = Misplaced::NONE;
+        for n in 0..1200 {
+            let angle = n as f32 / 120.0;
+            let heard = if n % 300 < 20 { 0.0 } else { 4.0 };
+            let [mut m, b] =
+                [angle, angle + core::f32::consts::PI].map(|angle| sound(angle, heard, [0.05, 0.8]));
+            if n % 300 > 150 {
+                m.add(&b);
+                m.instants = b.instants;
+            }
+            misplaced.minute(&m);
+            assert!(!matches!(misplaced.pressure(), Pressure::Elsewhere(..)), "{n}");
+        }
     }
 
     #[test]
