@@ -19,12 +19,12 @@ use crate::intake::channels::Verdict;
 use crate::intake::{Channels, Intake, Levels, Look, Run, Tolerance};
 use crate::wire::Message;
 
-/// Clipped samples of a channel in a hop from which on the fault is told.
-const CLIPPING: u32 = 4;
+/// Part of a hop's instants, which are those of the recording's own rate, from which on clipped samples of a channel are told: 4 of 512.
+const CLIPPING: u32 = 128;
 
-/// Clipped samples of a channel in a hop up to which it is used, an eighth: noise cut at 1.53 standard deviations, which is as
+/// The same up to which the channel is used, an eighth: noise cut at 1.53 standard deviations, which is as
 /// often at its limits, gets a floor 15 dB below itself.
-const CLIPPED: u32 = HOP as u32 / 8;
+const CLIPPED: u32 = 8;
 
 /// The channels that estimators use, in bits.
 const USED: u8 = 0b0111;
@@ -220,19 +220,20 @@ impl Hops {
         self.new.end = (index + 1).saturating_sub((plan.decimator.lag() + Mender::LAG) as u64);
         self.new.full = true;
         self.new.open = self.look.open();
-        let missing = self.look.instants / 8;
-        let at_rail = self.rails.end();
+        let instants = self.look.instants;
+        let (missing, most_clipped) = (instants / 8, instants / CLIPPED);
+        let at_rail = self.rails.end(instants);
         let clipped = self.look.clipped();
         let clipped: [u32; CHANNELS] =
             core::array::from_fn(|c| clipped.get(c).max(at_rail.get(c)).copied().unwrap_or(0));
         let over = |least: u32| clipped.iter().rev().fold(0u8, |bits, n| bits << 1 | u8::from(*n >= least));
-        self.new.wrong = self.look.verdict(&Tolerance { clipped: CLIPPED, missing });
-        self.new.wrong.clipped_often = over(CLIPPED + 1);
+        self.new.wrong = self.look.verdict(&Tolerance { clipped: most_clipped, missing });
+        self.new.wrong.clipped_often = over(most_clipped + 1);
         // As many instants as the most clipped of the channels that can be used has samples.
-        let used = clipped.iter().enumerate().filter(|(c, n)| USED >> c & 1 == 1 && **n <= CLIPPED);
+        let used = clipped.iter().enumerate().filter(|(c, n)| USED >> c & 1 == 1 && **n <= most_clipped);
         let most = used.map(|(_, n)| *n).max();
         self.new.spoilt = [u64::from(most.unwrap_or(0)), core::mem::take(&mut self.spikes)];
-        self.channels.see(self.new.wrong.dead, over(CLIPPING), index, &mut intake.faults, sink);
+        self.channels.see(self.new.wrong.dead, over(instants / CLIPPING), index, &mut intake.faults, sink);
         self.channels.roll();
         self.levels.close(plan.full_scale, intake.elapsed());
         self.look = Look::NEW;

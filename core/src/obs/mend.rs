@@ -219,7 +219,7 @@ impl Mender {
     }
 }
 
-/// Times that the extreme code of a hop comes up in it where it is a rail.
+/// Times that the extreme code of 512 instants comes up in them where it is a rail.
 pub const RAIL_HITS: u16 = 5;
 
 /// Least distance between a hop's extremes where one may be a rail, codes: between fewer, noise meets its own extreme again.
@@ -250,9 +250,10 @@ impl Extreme {
     }
 
     /// Instants at the rail in the hop that ends; the next begins.
-    fn end(&mut self, span: i32) -> u32 {
+    fn end(&mut self, instants: u32, span: i32) -> u32 {
         let hits = core::mem::take(&mut self.hits);
-        let met = hits >= RAIL_HITS && span >= SPAN_CODES;
+        let least = u32::from(RAIL_HITS) * (instants / HOP as u32);
+        let met = hits > 0 && u32::from(hits) >= least && span >= SPAN_CODES;
         if met {
             self.rail = Some(self.code);
         } else if hits > 0 && self.rail.is_some_and(|rail| self.code > rail) {
@@ -292,13 +293,13 @@ impl Rails {
         }
     }
 
-    /// Samples of each channel at a rail in the hop that ends; the next begins. A channel that hardly leaves its extreme is
-    /// stuck and not at a rail.
-    pub(super) fn end(&mut self) -> [u32; CHANNELS] {
+    /// Samples of each channel at a rail in the hop that ends, which has so many instants of the recording's own rate; the next begins. A
+    /// channel that hardly leaves its extreme is stuck and not at a rail.
+    pub(super) fn end(&mut self, instants: u32) -> [u32; CHANNELS] {
         self.0.each_mut().map(|[upper, lower]| {
             let span = upper.code.saturating_add(lower.code);
-            let hits = upper.end(span) + lower.end(span);
-            if hits < HOP as u32 / 2 { hits } else { 0 }
+            let hits = upper.end(instants, span) + lower.end(instants, span);
+            if hits < instants / 2 { hits } else { 0 }
         })
     }
 
@@ -410,7 +411,7 @@ mod tests {
                 .collect();
             // However they are cut.
             frames.chunks(100).for_each(|some| rails.see(some));
-            rails.end()
+            rails.end(HOP as u32)
         };
         assert_eq!(hop(100_000), [0; 4]);
         let [clipped, quiet, stuck, free] = hop(2_000);
