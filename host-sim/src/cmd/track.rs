@@ -319,7 +319,10 @@ fn print_error_model(args: &Args, model: Model, e: &ErrorModel, n: usize) {
         if sd_tau_s.is_finite() {
             println!("correlation interval {:.2} s ± {sd_tau_s:.2} s", e.tau_s);
         } else {
-            println!("correlation interval not told by this track ({:.2} s, where its search ends, is used)", e.tau_s);
+            println!(
+                "correlation interval not told by this track ({:.2} s, where its search ends, is used)",
+                e.tau_s
+            );
         }
         println!("offset               {offset:.3}° ± {sd_offset:.3}°");
         println!("shift                {:.2} s ± {:.2} s", e.shift_s.0, e.shift_s.1);
