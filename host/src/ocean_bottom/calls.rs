@@ -6,7 +6,7 @@
 //! Spikes are put right as the recorder puts them right (`mended.rs`).
 //!
 //! - *Notes* are peaks of the smoothed power 6 dB above its median, the greatest first, none within [`APART_S`] of another.
-//! - *Azimuth*: the active intensity about each note's peak, less what vessels give between notes ([`super::call_azimuths`]). Notes of which
+//! - *Azimuth*: the active intensity about each note's peak, less what vessels give between notes (`call_azimuths.rs`). Notes of which
 //!   a horizontal component is clipped have none.
 //! - *Range*: by the delays between a note's arrivals ([`super::call_ranges`]).
 //!

@@ -5,7 +5,7 @@
 //! had when it sent, the cepstrum is `a cos(2π f0 d − φ) exp(−d²/Δτ²)` of the distance d from the delay, with φ of the
 //! table. In each cell of range of each branch the best amplitude a ≥ 0 is taken in closed form; f0 and Δτ are those with
 //! which all cells together explain most, found on a grid and then by steps that halve. The deviations are the scatter of
-//! the same fit among [`PARTS`] parts of the recording, one after the other, not that of their mean: what a part of a passage, a
+//! the same fit among six parts of the recording, one after the other, not that of their mean: what a part of a passage, a
 //! table a little off or tracks a little late make of the pulse is alike in many cells, and does not go down with their number.
 
 use super::stages::SpectralFrame;
