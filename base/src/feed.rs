@@ -13,6 +13,8 @@ use std::time::Duration;
 
 /// Batches that wait for a subscriber who is waited for.
 const AHEAD: usize = 16;
+/// So long without records, one that missed some is told so by itself.
+const QUIET: Duration = Duration::from_secs(1);
 
 /// Where records are published. Clones are the same feed.
 #[derive(Clone, Debug, Default)]
@@ -123,12 +125,14 @@ impl Outlet {
 }
 
 impl Subscription {
-    /// The next records, waited for; `None` once the feed has ended.
+    /// The next records, waited for; without any, but how many were missed, where none come after those for a second. `None` once the
+    /// feed has ended.
     pub fn take(&self) -> Option<Taken> {
-        self.release();
-        match self.queue.recv() {
-            Ok(taken) => Some(self.took(taken)),
-            Err(_) => self.missed_last(),
+        loop {
+            let taken = self.take_within(QUIET)?;
+            if taken.missed > 0 || !taken.records.is_empty() {
+                return Some(taken);
+            }
         }
     }
 
@@ -235,6 +239,16 @@ mod tests {
         assert_eq!(slow.take().unwrap().records.len(), 40);
         assert_eq!(slow.take().map(|t| (t.missed, t.records.len())), Some((1, 0)));
         assert!(slow.take().is_none());
+    }
+
+    #[test]
+    fn who_missed_the_last_records_is_told_before_others_come() {
+        let feed = Feed::default();
+        let slow = feed.subscribe(1);
+        feed.publish(some(0..1));
+        feed.publish(some(1..3));
+        assert_eq!(numbers(&slow.take().unwrap()), [0]);
+        assert_eq!(slow.take().map(|t| (t.missed, t.records.len())), Some((2, 0)));
     }
 
     #[test]
