@@ -8,7 +8,7 @@
 //! [`LEAST_GAIN`]: the reference may have been the wrong one of two arcs. Assumes the bearings' errors are as large as
 //! reported; a track shorter than [`LEAST_S`] is not tested.
 
-use super::Passage;
+use super::track::Passage;
 use crate::angle::wrap_pi;
 use crate::math::f64 as m;
 use crate::passage::{Config, Known};

@@ -17,19 +17,17 @@ mod candidate;
 mod duty;
 mod heard;
 mod manoeuvre;
+mod track;
 
 use crate::config::StationConfig;
 use crate::math::f64 as m;
-use crate::motion::Solution;
-use crate::passage::{self, Known, MeasuredSpeed, Measurement, RECORDED, report};
-use crate::wire::{Bearing, Fault, FaultCode, Message};
+use crate::passage::{self, MeasuredSpeed, Measurement, report};
+use crate::wire::{Bearing, Message};
 use assign::{Rules, Verdict};
 use candidate::Candidate;
 use duty::Duty;
 use heard::Heard;
-use manoeuvre::Manoeuvre;
-
-type Passage = passage::Passage<RECORDED>;
+use track::{Track, distance_known};
 
 /// Vessels tracked at once.
 pub const VESSELS: usize = 8;
@@ -107,97 +105,6 @@ impl Config {
 
     fn index(&self, t_s: f64) -> u64 {
         m::round(t_s * self.rate_hz) as u64
-    }
-}
-
-/// One vessel.
-#[derive(Clone, Debug)]
-struct Track {
-    id: u16,
-    duty: Duty,
-    passage: Passage,
-    manoeuvre: Manoeuvre,
-    updated_s: f64,
-    /// Newest bearing that may have been its own.
-    heard_s: f64,
-    /// Start of the crossing it is in.
-    crossing_since_s: Option<f64>,
-    /// Infinite before the first report.
-    next_report_s: f64,
-    reported: bool,
-    /// Relative standard deviation of its distance, where its track knows that well.
-    relative_sd: Option<f32>,
-    /// Azimuth, distance and its standard deviation then, radians and metres.
-    place: Option<(f32, f32, f32)>,
-    speed: Option<MeasuredSpeed>,
-    /// Whether its elevations or its shaft rate have contradicted the speed declared.
-    contradicted: bool,
-}
-
-impl Track {
-    const fn new() -> Self {
-        Self {
-            id: 0,
-            duty: Duty::Free,
-            passage: Passage::new(),
-            manoeuvre: Manoeuvre::new(),
-            updated_s: 0.0,
-            heard_s: 0.0,
-            crossing_since_s: None,
-            next_report_s: 0.0,
-            reported: false,
-            relative_sd: None,
-            place: None,
-            speed: None,
-            contradicted: false,
-        }
-    }
-
-    /// What its fit assumes: the configured settings with what was measured of this vessel, and without the speed declared where
-    /// it was contradicted.
-    fn motion(&self, config: &Config) -> passage::Config {
-        let mut motion = config.motion;
-        if self.contradicted {
-            motion.speed_sd_m_s = f64::INFINITY;
-        }
-        motion.with_speed(self.speed)
-    }
-
-    /// Whether enough is known of it to be reported.
-    #[inline(never)]
-    fn is_telling(&self, config: &Config) -> bool {
-        let (first_s, last_s) = self.passage.times_s();
-        let least = if last_s - first_s < config.report_after_s {
-            config.report_after
-        } else {
-            config.report_after / 2
-        };
-        self.passage.seen() >= least
-    }
-
-    /// A solution of its passage. Where what is known of the vessel's speed contradicts the one declared, that is told, once, and
-    /// its speed and ranges are uncertain by as much as the two are apart: the depth may be wrong by which elevations tell a speed.
-    fn judged(
-        &mut self,
-        config: &Config,
-        solution: Solution,
-        index: u64,
-        sink: &mut dyn FnMut(Message),
-    ) -> Solution {
-        let mut other = config.motion.speed_m_s;
-        if !self.contradicted {
-            let told = self.passage.contradicting_speed(&config.motion, self.speed);
-            let Some(speed_m_s) = told else { return solution };
-            (self.contradicted, other) = (true, speed_m_s);
-            let (code, value) = (FaultCode::SpeedContradicted, m::round(100.0 * speed_m_s) as i64);
-            sink(Message::Fault(Fault { code, index, value }));
-        }
-        self.passage.doubted(&self.motion(config), &solution, other).unwrap_or(solution)
-    }
-
-    /// Whether it takes bearings.
-    fn is_live(&self) -> bool {
-        matches!(self.duty, Duty::Live | Duty::Suspected { .. })
     }
 }
 
@@ -439,15 +346,7 @@ fn serve(
             sink(Message::Track(report::track(&solution, track.id, 0, state.index)));
         }
     }
-    track.place = track.relative_sd.and_then(|relative| {
-        let at = track.passage.best()?;
-        // Half-way between the distances by the speed that it shows and by the one declared, where they contradict each other.
-        let declared = config.motion.speed_m_s;
-        let apart = if track.contradicted { 0.5 * m::ln(declared / at.line.speed_m_s()) } else { 0.0 };
-        let range_m = m::exp(apart) * slant_m(config, at, t_s);
-        let sd_m = range_m * m::hypot(f64::from(relative), apart);
-        Some((heard.azimuth as f32, range_m as f32, sd_m as f32))
-    });
+    track.stand(config, t_s, heard.azimuth);
 }
 
 /// Offers a bearing that no track explains to the young ones without one at this instant; true if one has taken it.
@@ -498,20 +397,6 @@ fn court(config: &Config, state: &mut State, t_s: f64, heard: &Heard) {
         track.passage.push(&config.motion, &Measurement::azimuth(t_s, azimuth, variance));
     }
     *candidate = Candidate::new();
-}
-
-/// Relative standard deviation of a vessel's distance along the sound's way, where its track knows it well enough to help the
-/// bearing estimator: to a third.
-fn distance_known(config: &Config, solution: &Solution) -> Option<f32> {
-    let (r, h) = (solution.cpa_range_m, config.height_m);
-    let relative = solution.sd_cpa_range_m * r / (r * r + h * h);
-    (solution.range_observable && relative < 0.3).then_some(relative as f32)
-}
-
-/// Distance from the array to the vessel on a line, metres.
-fn slant_m(config: &Config, known: &Known, t_s: f64) -> f64 {
-    let ([x, y], _) = known.line.position(t_s);
-    m::hypot(m::hypot(x, y), config.height_m)
 }
 
 #[cfg(test)]

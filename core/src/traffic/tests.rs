@@ -1,6 +1,7 @@
 use super::*;
 use crate::angle::{RAD_PER_DEG, wrap_pi, wrap_tau};
 use crate::config::Tracking;
+use crate::wire::{Fault, FaultCode};
 use std::vec::Vec;
 
 const RATE_HZ: f64 = 64_000.0;
