@@ -2,7 +2,7 @@
 //!
 //! In: [`Bearing`]s (whole band and sub-bands, several of one index). Out: [`Message::Track`], running every few
 //! seconds and once, with stage 1, at the end of each passage. Chain: bearings of one index are judged together
-//! (`assign`: gates, crossings); those that fit a track feed its fit (`fit`) and its manoeuvre test
+//! (`assign`: gates, crossings); those that fit a track feed its passage (`track`) and its manoeuvre test
 //! (`manoeuvre`); the rest may be a new vessel (`candidate`).
 //!
 //! * Birth: 8 agreeing bearings no more than 9 s apart. Death: [`Config::silence_s`] without a bearing.
