@@ -256,7 +256,7 @@ impl Tracker {
             let strong = established && live.score.is_sure();
             let course = if strong { &live.now } else { &live.course };
             let s = course.seen(&plan.travel, STEP_S * f64::from(minute));
-            let placed = established && !live.may_be_beyond();
+            let placed = established && !live.may_be_beyond(2.0);
             Some(Expected {
                 range_m: s.range_m as f32,
                 speed_m_s: s.speed_m_s as f32,
@@ -363,10 +363,10 @@ impl Live {
         s.distances >= ESTABLISHED && (s.is_sure() || far) && s.rivals <= s.sure.max(FEW_RIVALS)
     }
 
-    /// Whether it may be a vessel beyond the model all along, twice as far and twice as fast, and louder than the table's: it has not come so
-    /// near that such a one would be in the model, and none is that fast.
-    fn may_be_beyond(&self) -> bool {
-        self.score.near < FEW_NEAR && 2.0 * self.course.speed_m_s() < SPEEDS_M_S.end
+    /// Whether it may be a vessel beyond the model all along, so many times as far and as fast, and louder than the table's: it has not
+    /// come so near that such a one would be in the model, and none is that fast.
+    fn may_be_beyond(&self, times: f64) -> bool {
+        self.score.near < FEW_NEAR && times * self.course.speed_m_s() < SPEEDS_M_S.end
     }
 
     /// Whether its range shows in so many of its minutes that what looks like one of its echoes is one, and whether it has come so much
@@ -421,8 +421,10 @@ impl Live {
         // Its echoes may be another pair of paths' all along: the course so many times as far explains those as well, and what has come into
         // the model since.
         for times in fit::READ {
-            let farther = Self { course: self.course.times(times), ..*self };
-            self.rather(farther, plan, evidence, stronger, now);
+            if self.may_be_beyond(times) {
+                let farther = Self { course: self.course.times(times), ..*self };
+                self.rather(farther, plan, evidence, stronger, now);
+            }
         }
     }
 

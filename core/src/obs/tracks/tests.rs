@@ -343,11 +343,13 @@ fn a_vessel_read_at_half_its_range_is_where_it_is_once_it_comes_into_the_model()
 
 #[test]
 fn a_slow_vessel_that_was_never_near_may_be_one_beyond_the_model() {
-    let beyond = |speed_m_s: f64, near: u16| {
+    let beyond = |times: f64, speed_m_s: f64, near: u16| {
         let mut live = reported_and_wrong([0.0, 30_000.0, speed_m_s, 0.0], 1, 60);
         live.score.near = near;
-        live.may_be_beyond()
+        live.may_be_beyond(times)
     };
-    assert!(beyond(4.0, 0) && beyond(6.0, FEW_NEAR - 1));
-    assert!(!beyond(7.0, 0) && !beyond(4.0, FEW_NEAR));
+    assert!(beyond(2.0, 4.0, 0) && beyond(2.0, 6.0, FEW_NEAR - 1));
+    assert!(!beyond(2.0, 7.0, 0) && !beyond(2.0, 4.0, FEW_NEAR));
+    // Half as far again it need not be as fast.
+    assert!(beyond(1.5, 7.0, 0) && !beyond(1.5, 9.0, 0));
 }
