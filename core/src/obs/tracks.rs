@@ -16,6 +16,7 @@ use super::limits::{MAX_SPEED_M_S, VESSELS};
 use super::plan::{Plan, STEP_S};
 use super::presence::{Expected, ExpectedVessels};
 use super::search::search;
+use crate::math;
 use crate::wire::Message;
 use told::Seen;
 
@@ -60,6 +61,9 @@ const ACCEPT: (f64, u16, u16, u16) = (60.0, 15, 10, 6);
 /// 1 m/s, adrift or waiting, 0.2 % from there to 2 m/s, and none is above 11.4 m/s; courses found there are mostly a vessel's at another
 /// pair of paths, at twice or a part of its speed. No radial speed above the second is looked for either.
 const SPEEDS_M_S: core::ops::Range<f64> = 2.0..MAX_SPEED_M_S as f64;
+
+/// A course that is found again ends no farther than this from where it was known, m: less than a range is known to.
+const ALONG_M: f64 = 20.0;
 
 /// Log score by which another course must be better to take a track over.
 const BETTER: f64 = 6.0;
@@ -157,7 +161,7 @@ impl Tracker {
                 let ends_s = [found.from, found.to].map(|k| STEP_S * f64::from(k));
                 self.gone.is_again(&found.course, &plan.travel, ends_s)
             };
-            let found = find(plan, evidence, &others, from, now).filter(|found| !again(found));
+            let found = find(plan, evidence, &others, (from, now), None).filter(|found| !again(found));
             if let Some(mut found) = found {
                 found.id = self.next_id;
                 if let Some(slot) = self.live.iter_mut().find(|s| s.is_none()) {
@@ -325,8 +329,14 @@ fn without(plan: &Plan<'_>, course: &Course, echoes: bool, directions: bool, m: 
     )
 }
 
-/// A vessel in the minutes from `from` to `to` that no other track explains.
-fn find(plan: &Plan<'_>, evidence: &Evidence, others: &Others, from: u32, to: u32) -> Option<Live> {
+/// A vessel in the minutes from `from` to `to` that no other track explains, unless its course is that of `known`.
+fn find(
+    plan: &Plan<'_>,
+    evidence: &Evidence,
+    others: &Others,
+    (from, to): (u32, u32),
+    known: Option<&Live>,
+) -> Option<Live> {
     let travel = &plan.travel;
     let left = |m| without_all(plan, others, m);
     let (course, first) = search(travel, STEP_S, evidence.between(from, to), left)?;
@@ -335,6 +345,9 @@ fn find(plan: &Plan<'_>, evidence: &Evidence, others: &Others, from: u32, to: u3
     }
     let minutes = unexplained(plan, evidence, others, None, from, to);
     let (course, covariance) = fit::refine(&course, travel, STEP_S, minutes)?;
+    if known.is_some_and(|known| known.goes_along(&course)) {
+        return None;
+    }
     let mut live =
         Live { id: 0, course, covariance, now: course, score: Score::default(), from, to, sent: 0 };
     live.bound(plan, evidence, others, to);
@@ -361,6 +374,15 @@ impl Live {
         let s = &self.score;
         let far = s.span_m.1 >= SPAN * s.span_m.0;
         s.distances >= ESTABLISHED && (s.is_sure() || far) && s.rivals <= s.sure.max(FEW_RIVALS)
+    }
+
+    /// Whether a course is this vessel's all the way it is heard, and so explains no more.
+    fn goes_along(&self, course: &Course) -> bool {
+        [self.from, self.to].iter().all(|k| {
+            let t_s = STEP_S * f64::from(*k);
+            let ((x, y), (own_x, own_y)) = (course.at(t_s), self.course.at(t_s));
+            math::f64::hypot(x - own_x, y - own_y) < ALONG_M
+        })
     }
 
     /// Whether it may be a vessel beyond the model all along, so many times as far and as fast, and louder than the table's: it has not
@@ -415,7 +437,7 @@ impl Live {
 
     /// Takes over a better course if there is one in what `stronger` tracks leave from minute `from` on.
     fn take_over(&mut self, plan: &Plan<'_>, evidence: &Evidence, stronger: &Others, from: u32, now: u32) {
-        if let Some(other) = find(plan, evidence, stronger, from, now) {
+        if let Some(other) = find(plan, evidence, stronger, (from, now), Some(self)) {
             self.rather(other, plan, evidence, stronger, now);
         }
         // Its echoes may be another pair of paths' all along: the course so many times as far explains those as well, and what has come into

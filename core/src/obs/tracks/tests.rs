@@ -353,3 +353,12 @@ fn a_slow_vessel_that_was_never_near_may_be_one_beyond_the_model() {
     // Half as far again it need not be as fast.
     assert!(beyond(1.5, 7.0, 0) && !beyond(1.5, 9.0, 0));
 }
+
+#[test]
+fn a_course_found_again_is_known_by_both_its_ends() {
+    let live = reported_and_wrong([0.0, 30_000.0, 5.0, 0.0], 0, 60);
+    // The same with another time for reference, and 30 m off at its beginning.
+    let at_3000_s = |vx: f64| Course { t0_s: 3000.0, p: [15_000.0, 30_000.0, vx, 0.0] };
+    assert!(live.goes_along(&at_3000_s(5.0)) && !live.goes_along(&at_3000_s(5.01)));
+    assert!(!live.goes_along(&live.course.times(1.5)));
+}
