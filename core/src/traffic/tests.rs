@@ -348,6 +348,26 @@ fn distance_is_along_the_way_of_the_sound_and_each_vessels_own() {
 }
 
 #[test]
+fn the_usual_speed_alone_tells_a_near_vessel_from_one_at_the_reference() {
+    // A vessel of 7 m/s, 100 m aside and level with the array, of which 4, 7 and 12 m/s are told, each by a third.
+    for told_m_s in [4.0, 7.0, 12.0] {
+        let tracking = Tracking { speed_m_s: told_m_s, speed_sd_m_s: 0.33 * told_m_s, ..Tracking::default() };
+        let config = Config::with(passage::Config::new(&tracking, 1484.0), RATE_HZ);
+        let (mut state, mut seed) = (State::new(), 5);
+        for k in 0..130 {
+            let t = 0.5 * f64::from(k);
+            let a = azimuth(t, 60.0, 100.0, 1.0) + 0.002 * gaussian(&mut seed);
+            bearing(&config, &mut state, &message(t, a, 0.002, 0), &mut |_| ());
+            wait(&config, &mut state, t, t + 0.5, &mut |_| ());
+        }
+        let (_, slant_m, sd_m) = state.places().next().unwrap();
+        let (curvature, sd) = (1.0 / slant_m, sd_m / (slant_m * slant_m));
+        let off = 1.0 / m::hypot(100.0, 31.5) as f32 - curvature;
+        assert!(off.abs() < 1.96 * sd && (sd_m / slant_m - 0.6).abs() < 1e-3, "{told_m_s} {slant_m} {sd_m}");
+    }
+}
+
+#[test]
 fn a_wrong_declared_speed_is_told_while_the_vessel_is_heard_and_its_ranges_are_doubted_by_as_much() {
     // 160 m below vessels of 7 m/s that pass 400 m aside, and are declared to have 7 m/s, half and twice that.
     for (declared, wrong) in [(7.0, false), (3.5, true), (14.0, true)] {

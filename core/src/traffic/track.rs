@@ -118,11 +118,12 @@ impl Track {
 }
 
 /// Relative standard deviation of a vessel's distance along the sound's way, where its track knows it well enough to help the
-/// bearing estimator: to a third.
+/// bearing estimator: to a third; or where the usual speed alone tells it, of which the slow and the fast are twice and half as far off.
 pub(super) fn distance_known(config: &Config, solution: &Solution) -> Option<f32> {
     let (r, h) = (solution.cpa_range_m, config.height_m);
     let relative = solution.sd_cpa_range_m * r / (r * r + h * h);
-    (solution.range_observable && relative < 0.3).then_some(relative as f32)
+    let known = if relative < 0.3 { relative } else { 0.6 };
+    (solution.range_observable && relative < 0.6).then_some(known as f32)
 }
 
 /// Distance from the array to the vessel on a line, metres.
