@@ -46,11 +46,12 @@ struct Claim {
     gated: bool,
 }
 
-/// Gives each bearing its verdict. `impatient` has a bit for each track that has been deferred for too long: it no
-/// longer waits.
+/// Gives each bearing its verdict. `heard_s` holds the times of each track's first bearing and of its last. `impatient` has a bit for each
+/// track that has been deferred for too long: it no longer waits.
 pub(super) fn assign(
     rules: &Rules,
     predictions: &[Option<Prediction>; VESSELS],
+    heard_s: &[(f64, f64); VESSELS],
     group: &[Heard],
     impatient: u8,
 ) -> [Verdict; GROUP] {
@@ -73,8 +74,9 @@ pub(super) fn assign(
                 continue;
             }
             let Some(claim) = claim else { continue };
-            let close =
-                near(rules, predictions, track, other) && !partnered(rules, group, b, &claims, track, other);
+            let close = near(rules, predictions, track, other)
+                && two(heard_s, track, other)
+                && !partnered(rules, group, b, &claims, track, other);
             if (claim.gated && claim.cost < own + CLEAR) || close {
                 rivals |= 1 << other;
             }
@@ -128,6 +130,11 @@ fn near(rules: &Rules, predictions: &[Option<Prediction>; VESSELS], a: usize, b:
     m::abs(wrap_pi(a.azimuth - b.azimuth)) < rules.merge_rad + doubt
 }
 
+/// Whether two tracks are of two vessels: one that was not heard since the other began has a line that its vessel has left.
+fn two(heard_s: &[(f64, f64); VESSELS], a: usize, b: usize) -> bool {
+    heard_s.get(a).zip(heard_s.get(b)).is_some_and(|(a, b)| a.1 >= b.0 && b.1 >= a.0)
+}
+
 /// Whether another bearing of this instant stands apart from bearing `b` and within the gate of either track: then the
 /// two vessels are heard separately.
 fn partnered(
@@ -165,7 +172,7 @@ mod tests {
             *slot = at(*azimuth);
         }
         let group: std::vec::Vec<Heard> = bearings.iter().map(|a| heard(*a)).collect();
-        assign(&RULES, &predictions, &group, 0)[..group.len()].to_vec()
+        assign(&RULES, &predictions, &[(0.0, 9.0); VESSELS], &group, 0)[..group.len()].to_vec()
     }
 
     #[test]
@@ -179,6 +186,19 @@ mod tests {
         assert_eq!(verdicts(&[1.0, 1.03], &[1.0]), [Verdict::Deferred(3)]);
         assert_eq!(verdicts(&[1.0, 1.12], &[1.06]), [Verdict::Deferred(3)]);
         assert_eq!(verdicts(&[1.0, 1.12], &[1.0]), [Verdict::Track(0)]);
+    }
+
+    #[test]
+    fn a_line_that_its_vessel_has_left_takes_no_part_in_a_crossing() {
+        let mut predictions = [None; VESSELS];
+        (predictions[0], predictions[1]) = (at(1.0), at(1.05));
+        let verdict = |heard_s: [(f64, f64); 2]| {
+            let mut all = [(0.0, 0.0); VESSELS];
+            all[..2].copy_from_slice(&heard_s);
+            assign(&RULES, &predictions, &all, &[heard(1.0)], 0)[0]
+        };
+        assert_eq!(verdict([(5.0, 9.0), (0.0, 4.0)]), Verdict::Track(0));
+        assert_eq!(verdict([(5.0, 9.0), (0.0, 6.0)]), Verdict::Deferred(3));
     }
 
     #[test]

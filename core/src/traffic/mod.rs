@@ -282,16 +282,19 @@ fn judge(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)) -> b
     let group = group.get(..gathered).unwrap_or(&[]);
     let t_s = config.seconds(state.index);
     let mut predictions = [None; VESSELS];
+    let mut heard_s = [(0.0, 0.0); VESSELS];
     let mut impatient = 0u8;
-    for (i, (slot, track)) in predictions.iter_mut().zip(&state.tracks).enumerate() {
+    let places = predictions.iter_mut().zip(&mut heard_s).zip(&state.tracks);
+    for (i, ((slot, heard_s), track)) in places.enumerate() {
         if track.is_live() {
             *slot = track.passage.predict(&track.motion(config), t_s);
+            *heard_s = track.passage.times_s();
             let waiting_s = track.crossing_since_s.map_or(0.0, |since| t_s - since);
             impatient |= u8::from(waiting_s > config.crossing_s) << i;
         }
     }
     let rules = Rules { gate_sd: config.gate_sd, merge_rad: config.merge_rad, least_variance: 3e-8 };
-    let verdicts = assign::assign(&rules, &predictions, group, impatient);
+    let verdicts = assign::assign(&rules, &predictions, &heard_s, group, impatient);
     let mut searched = false;
     for (verdict, heard) in verdicts.iter().zip(group) {
         match *verdict {
