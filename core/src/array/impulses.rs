@@ -34,8 +34,9 @@ const GLANCE_EVERY: usize = 4;
 const GLANCE: usize = 32;
 /// Standard deviations beyond which a sample is blanked where there is an impulse.
 const BLANK: f32 = 4.0;
-/// Samples blanked before and behind: the rise of a snap and its ringing below the limit, of 0.4 ms in each neper.
-const BEFORE: usize = 8;
+/// Samples blanked before and behind: the rise of a snap, and of what a steep filter of linear phase makes of it, and its ringing below
+/// the limit, of 0.4 ms in each neper.
+const BEFORE: usize = 24;
 const AFTER: u8 = 64;
 /// Power over the usual one of a burst (12 dB).
 const BURST: f32 = 16.0;
