@@ -10,6 +10,7 @@ use super::background::{Background, straightened};
 use super::limits::{AZIMUTH_BINS, CIRCLE, FRAME, HOP, USED_CHANNELS};
 use super::row::{self, PHASES, Row};
 use super::shared::Spectra;
+use super::steady::Steady;
 use crate::math;
 use crate::math::constant::cos_of_turn;
 use microfft::Complex32;
@@ -83,6 +84,7 @@ pub fn analyse(
     sources: Sources,
     row: &mut Row,
     averages: &mut Averages,
+    steady: &mut Steady,
 ) {
     let ([p0, n0, e0], [p1, n1, e1]) = (old, new);
     let pressure = transform(&mut scratch.buffer, p0, p1);
@@ -128,9 +130,11 @@ pub fn analyse(
     // What is transformed is done with: directions in its place, none where there is none to tell.
     let (directions, _) = scratch.buffer.as_chunks_mut::<2>();
     let directions = directions.get_mut(..band.bins).unwrap_or_default();
-    for ((direction, own), around) in directions.iter_mut().zip(intensity).zip(Background::new(intensity)) {
+    let bins = directions.iter_mut().zip(intensity).zip(Background::new(intensity));
+    for (bin, ((direction, own), around)) in bins.enumerate() {
         let straight = if band.paper { None } else { straightened(own, &around) };
-        let own = if sources == Sources::One { *own } else { [0.0, 0.0] };
+        steady.see(bin, around);
+        let own = if sources == Sources::One { steady.without(bin, own) } else { [0.0, 0.0] };
         *direction = straight.unwrap_or(own);
     }
     // One turn more, so that what is cut to a whole code is never negative.
@@ -202,6 +206,8 @@ const LEAST_SQUARE: f32 = EMPTY_POWER * EMPTY_POWER * EMPTY_POWER * EMPTY_POWER;
 
 /// Natural logarithm of a positive number that is not subnormal, without a branch: ln m + k ln 2 with m between √½ and √2 and
 /// ln m = 2 artanh((m − 1)/(m + 1)) to the seventh power, within 2·10⁻⁷ of ln m.
+// Copied for each use it would be long; a desktop processor makes several at once.
+#[cfg_attr(target_arch = "arm", inline(never))]
 fn ln(x: f32) -> f32 {
     const SQRT_HALF_BITS: i32 = 0x3f35_04f3;
     let k = (x.to_bits() as i32 - SQRT_HALF_BITS) >> 23;
@@ -214,6 +220,7 @@ fn ln(x: f32) -> f32 {
 
 /// The angle of (x, y) clockwise from y, in turns, −½ to ½: a polynomial [Abramowitz and Stegun 4.4.49] within 2·10⁻⁶
 /// turns, a five-hundredth of a stored step.
+#[cfg_attr(target_arch = "arm", inline(never))]
 fn turns(x: f32, y: f32) -> f32 {
     let (a, b) = (math::f32::abs(x), math::f32::abs(y));
     let z = math::lesser(a, b) / math::greater(math::greater(a, b), f32::MIN_POSITIVE);

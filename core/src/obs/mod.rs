@@ -60,6 +60,7 @@ mod minute_records;
 mod station;
 #[cfg(test)]
 pub(crate) mod station_tests;
+mod steady;
 
 pub use plan::{Plan, PlanError};
 pub(crate) use station::{CLOSED_AFTER_S, close, take};

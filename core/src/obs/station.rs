@@ -27,6 +27,7 @@ use super::radial::RadialScratch;
 use super::row::Row;
 use super::segment::Segmenter;
 use super::shared::Shared;
+use super::steady::Steady;
 use super::tracks::Tracker;
 use crate::block::{Block, CHANNELS};
 use crate::health::Accounting;
@@ -68,6 +69,7 @@ pub struct State {
     next_kept: usize,
     ambient: Ambient,
     clutter: Clutter,
+    steady: Steady,
     pub(crate) averages: Averages,
     slow: SlowLevels,
     presence: Presence,
@@ -110,6 +112,7 @@ impl State {
             next_kept: 0,
             ambient: Ambient::new(),
             clutter: Clutter::new(),
+            steady: Steady::new(),
             averages: Averages::new(),
             slow: SlowLevels::new(),
             presence: Presence::new(),
@@ -155,6 +158,7 @@ impl State {
         self.hops.forget();
         self.ambient.forget();
         self.clutter.forget();
+        self.steady = Steady::new();
         self.slow = SlowLevels::new();
         self.segmenter = Segmenter::new();
         self.tracker = Tracker::new();
@@ -354,6 +358,7 @@ impl State {
             sources,
             &mut kept.row,
             &mut self.averages,
+            &mut self.steady,
         );
         if let Some(sums) = self.slow.add(1, old.end) {
             sums.iter_mut().zip(self.averages.newest()).for_each(|(all, newest)| *all += newest);
@@ -400,6 +405,7 @@ impl State {
         let rows = rows.get(..held).unwrap_or_default();
         let call = if plan.paper { None } else { impulsive::search(plan.band.bins, plan.band.turn, rows) };
         let mut directions = plan.tones.search(plan.band.bins, &self.ambient, scratch.shared.tonal(), rows);
+        self.steady.widen(&mut directions);
         if let Some(call) = &call {
             directions.attribute(call.leaning, plan.band.bins);
         }
@@ -444,6 +450,7 @@ impl State {
             0 => Heard::Nothing,
             _ => Heard::Vessel,
         };
+        self.steady.learns = !plan.paper && noticed == Heard::Nothing;
         self.checks.ranges(profiles, index, &mut self.intake.faults, sink);
         let (exchanged, no_pressure) = (self.checks.exchanged(), self.checks.no_pressure());
         let pairs_in_doubt =
