@@ -8,7 +8,7 @@ use seabearing_core::obs::limits::USED_CHANNELS;
 use seabearing_core::obs::mend::{Mender, RAIL_HITS, SPAN_CODES};
 
 /// Frames that follow each other.
-pub(super) struct Mended {
+pub(crate) struct Mended {
     frames: Vec<Frame>,
     /// Index of the first held.
     first: u64,
@@ -21,12 +21,12 @@ pub(super) struct Mended {
 
 impl Mended {
     /// Nothing held.
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { frames: Vec::new(), first: 0, mender: Mender::new(), last: [0; USED_CHANNELS], spikes: 0 }
     }
 
     /// Index of the first instant held.
-    pub(super) fn first(&self) -> u64 {
+    pub(crate) fn first(&self) -> u64 {
         self.first
     }
 
@@ -36,14 +36,14 @@ impl Mended {
     }
 
     /// What comes next begins at an index that does not follow: what is held is dropped.
-    pub(super) fn restart(&mut self, index: u64) {
+    pub(crate) fn restart(&mut self, index: u64) {
         self.frames.clear();
         self.first = index;
         self.mender.restart();
     }
 
     /// Takes frames that follow those held. A component without a code stands still for the mender, and stays without.
-    pub(super) fn extend(&mut self, frames: &[Frame]) {
+    pub(crate) fn extend(&mut self, frames: &[Frame]) {
         for frame in frames {
             self.frames.push(*frame);
             for (last, code) in self.last.iter_mut().zip(frame).filter(|(_, code)| **code != MISSING) {
@@ -60,13 +60,13 @@ impl Mended {
     }
 
     /// What is held and stays as it is: all of it where the run has `ended`.
-    pub(super) fn settled(&self, ended: bool) -> &[Frame] {
+    pub(crate) fn settled(&self, ended: bool) -> &[Frame] {
         let open = if ended { 0 } else { Mender::LAG };
         self.frames.get(..self.frames.len().saturating_sub(open)).unwrap_or_default()
     }
 
     /// Drops what is before an index.
-    pub(super) fn drop_before(&mut self, index: u64) {
+    pub(crate) fn drop_before(&mut self, index: u64) {
         let done = (index.saturating_sub(self.first) as usize).min(self.frames.len());
         self.frames.drain(..done);
         self.first += done as u64;

@@ -14,7 +14,7 @@ pub mod echoes_along;
 pub mod event;
 mod evidence;
 pub mod far;
-mod mended;
+pub(crate) mod mended;
 pub mod mirrored;
 pub mod orient;
 pub mod pages;

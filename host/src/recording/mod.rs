@@ -159,6 +159,8 @@ pub struct Recording {
     /// The recorder's samples a second, and the code that means clipping.
     rate_hz: f64,
     full_scale: i32,
+    /// Whether spikes are put right before the rate is changed: the recorder does so, which hears samples of its own rate.
+    mends: bool,
     /// What is taken out of the components of motion and pressure.
     responses: [Option<Response>; CHANNELS],
     /// Offset of the times in names from UTC, where somebody told it.
@@ -193,6 +195,7 @@ impl Recording {
                 start: asked.start,
                 rate_hz: config.rate_hz,
                 full_scale: config.full_scale,
+                mends: matches!(config.kind, Kind::Obs(_)),
                 responses: station.responses.clone(),
                 name_offset: None,
             });
@@ -208,6 +211,7 @@ impl Recording {
             start: asked.start,
             rate_hz: config.rate_hz,
             full_scale: config.full_scale,
+            mends: matches!(config.kind, Kind::Obs(_)),
             responses: station.responses.clone(),
             name_offset: asked.name_offset.or(station.name_offset),
         };
@@ -292,6 +296,7 @@ impl Recording {
             start: asked.start,
             rate_hz,
             full_scale,
+            mends: matches!(config.kind, Kind::Obs(_)),
             responses: station.responses.clone(),
             name_offset: None,
         })
@@ -381,7 +386,8 @@ impl Recording {
             source = Box::new(window::Window::new(source, start, rate_hz, span));
         }
         if (rate_hz / self.rate_hz - 1.0).abs() > 1e-3 {
-            source = Box::new(resample::Resampled::new(source, rate_hz, self.rate_hz, self.full_scale));
+            let resampled = resample::Resampled::new(source, rate_hz, self.rate_hz, self.full_scale);
+            source = Box::new(if self.mends { resampled.mending() } else { resampled });
         }
         // A raw stream or a card is what the recorder itself hears.
         if self.responses.iter().any(Option::is_some) && !matches!(self.found, Found::Raw(_) | Found::Card(_))

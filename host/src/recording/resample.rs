@@ -9,9 +9,14 @@
 //! Where indices jump the filter begins anew, on the value of the first sample there, so that a seismometer's offset makes
 //! no step. A code that is missing or at full scale is so in the samples about it.
 //!
+//! Of an ocean-bottom station spikes are put right before, at the file's own rate and by the recorder's hand (`mended`), for the filter would
+//! spread them over seconds in which nobody finds them. What a spike added is in the one sample nearest to it, as the station's own converter
+//! would have it there: the recorder finds it, puts it right and counts it as always.
+//!
 //! Cost: `ZEROS` · (higher rate / lower rate) multiplications a channel and output sample.
 
 use super::BlockSource;
+use crate::ocean_bottom::mended::Mended;
 use anyhow::{Result, anyhow};
 use rubato::audioadapter_buffers::direct::SequentialSliceOfVecs;
 use rubato::{
@@ -19,6 +24,7 @@ use rubato::{
     WindowFunction, calculate_cutoff,
 };
 use seabearing_core::block::{Block, CHANNELS, Frame, MISSING};
+use std::collections::VecDeque;
 use time::OffsetDateTime;
 
 /// Taps of the sinc at the lower rate.
@@ -39,6 +45,8 @@ pub(super) struct Resampled {
     phases: (usize, usize),
     taps: usize,
     full_scale: i32,
+    /// Whether spikes are put right.
+    mends: bool,
     filter: Option<Filter>,
     /// The block held back because a new stretch begins with it: its first index and frames.
     waiting: Option<(u64, Vec<Frame>)>,
@@ -54,8 +62,11 @@ struct Filter {
     /// What is subtracted from each channel while filtered, and its last value.
     offset: [f64; CHANNELS],
     last: [f64; CHANNELS],
-    /// Marks of input samples not yet passed by the output, a bit a channel: missing, then at the top, then at the bottom.
-    marks: std::collections::VecDeque<u16>,
+    /// What spikes are put right in, and codes that came, of those that are not filtered yet.
+    mended: Option<(Mended, Vec<Frame>)>,
+    /// Marks of input samples not yet passed by the output, a bit a channel: missing, then at the top, then at the bottom. And what a spike
+    /// added to each.
+    marks: VecDeque<(u16, Frame)>,
     /// Index within the stretch of the first of `marks`, and input samples taken.
     marked: u64,
     taken: u64,
@@ -86,11 +97,17 @@ impl Resampled {
             phases: ratio(from_hz, to_hz),
             taps: taps.next_multiple_of(8),
             full_scale,
+            mends: false,
             filter: None,
             waiting: None,
             frames: Vec::new(),
             ended: false,
         }
+    }
+
+    /// The same of a source in which spikes are put right.
+    pub(super) fn mending(self) -> Self {
+        Self { mends: true, ..self }
     }
 
     fn begin(&self, first: u64, frame: Frame) -> Result<Filter> {
@@ -127,7 +144,8 @@ impl Resampled {
             output: vec![vec![0.0; room]; CHANNELS],
             offset,
             last: [0.0; CHANNELS],
-            marks: Default::default(),
+            mended: self.mends.then(|| (Mended::new(), Vec::new())),
+            marks: VecDeque::new(),
             marked: 0,
             taken: 0,
             drop: drop as u64,
@@ -143,26 +161,54 @@ impl Resampled {
 impl Filter {
     /// Takes frames that follow on.
     fn push(&mut self, frames: &[Frame], full_scale: i32) {
-        for frame in frames {
-            let mut mark = 0u16;
-            for (c, x) in frame.iter().enumerate() {
-                if *x == MISSING {
-                    mark |= 1 << c;
-                } else {
-                    self.last[c] = f64::from(*x) - self.offset[c];
-                    mark |=
-                        u16::from(*x >= full_scale - 1) << (4 + c) | u16::from(*x <= -full_scale) << (8 + c);
-                }
-                self.input[c].push(self.last[c]);
-            }
-            self.marks.push_back(mark);
-        }
-        self.taken += frames.len() as u64;
         self.next += frames.len() as u64;
+        let Some((mended, came)) = &mut self.mended else {
+            return frames.iter().for_each(|frame| self.take(frame, frame, full_scale));
+        };
+        mended.extend(frames);
+        came.extend_from_slice(frames);
+        self.settle(false, full_scale);
+    }
+
+    /// Filters what stays as it is of what is looked at for spikes: all where the stretch has `ended`.
+    fn settle(&mut self, ended: bool, full_scale: i32) {
+        let Some((mut mended, mut came)) = self.mended.take() else { return };
+        let settled = mended.settled(ended).to_vec();
+        for (frame, came) in settled.iter().zip(came.drain(..settled.len())) {
+            self.take(frame, &came, full_scale);
+        }
+        mended.drop_before(mended.first() + settled.len() as u64);
+        self.mended = Some((mended, came));
+    }
+
+    /// Takes the next frame, as it is after `came` was put right.
+    fn take(&mut self, frame: &Frame, came: &Frame, full_scale: i32) {
+        let (mut mark, mut added) = (0u16, [0; CHANNELS]);
+        let spike = frame != came;
+        for (c, (x, came)) in frame.iter().zip(came).enumerate() {
+            if *x == MISSING {
+                mark |= 1 << c;
+            } else {
+                // The vertical component, which is not looked at, stands still meanwhile.
+                let stands = spike && c + 1 == CHANNELS;
+                self.last[c] = if stands { self.last[c] } else { f64::from(*x) - self.offset[c] };
+                added[c] = came.saturating_sub((self.last[c] + self.offset[c]) as i32);
+                // What was a spike at full scale is none that is clipped.
+                let whole = added[c] == 0;
+                mark |= u16::from(whole && *x >= full_scale - 1) << (4 + c)
+                    | u16::from(whole && *x <= -full_scale) << (8 + c);
+            }
+            self.input[c].push(self.last[c]);
+        }
+        self.marks.push_back((mark, added));
+        self.taken += 1;
     }
 
     /// Filters all whole chunks; at the end also the rest, as far as there was input.
     fn run(&mut self, ratio: f64, end: bool, out: &mut Vec<Frame>, full_scale: i32) -> Result<()> {
+        if end {
+            self.settle(true, full_scale);
+        }
         let whole = (self.taken as f64 * ratio).round() as u64;
         while self.input[0].len() >= CHUNK || end && self.made < whole {
             if self.input[0].len() < CHUNK {
@@ -184,13 +230,17 @@ impl Filter {
                 }
                 // The input samples nearer to this output than to those beside it.
                 let upto = ((self.made as f64 + 0.5) / ratio).ceil().max(1.0) as u64;
-                let mut mark = self.marks.front().copied().unwrap_or(0);
+                let (mut mark, mut added) = self.marks.front().copied().unwrap_or_default();
                 while self.marked < upto.min(self.taken) {
-                    mark |= self.marks.pop_front().unwrap_or(0);
+                    let (newer, more) = self.marks.pop_front().unwrap_or_default();
+                    mark |= newer;
+                    for (most, more) in added.iter_mut().zip(more) {
+                        *most = if more.abs() > most.abs() { more } else { *most };
+                    }
                     self.marked += 1;
                 }
                 let frame = std::array::from_fn(|c| {
-                    let x = (self.output[c][i] + self.offset[c]).round();
+                    let x = (self.output[c][i] + self.offset[c]).round() + f64::from(added[c]);
                     match mark >> c & 0x111 {
                         0 => x.max(-f64::from(i32::MAX)).min(f64::from(i32::MAX)) as i32,
                         m if m & 1 != 0 => MISSING,
@@ -373,5 +423,45 @@ mod tests {
         assert!((2001..2003).all(|i| at(i)[1] == MISSING && at(i)[0] == 1_000_000));
         assert_eq!((at(1995)[1], at(2010)[1]), (1_000_000, 1_000_000));
         assert_eq!(at(3000)[2..], [0x7f_ffff, -0x80_0000]);
+    }
+
+    #[test]
+    fn a_spike_stays_in_one_sample_and_what_is_about_it_is_not_touched() {
+        // Tones that the mender takes for no spikes, each component with its own.
+        let of = |i: u64| {
+            std::array::from_fn(|c| {
+                let t = i as f64 / 100.0;
+                let tone = |hz: f64| (std::f64::consts::TAU * hz * (t + 0.13 * c as f64)).sin();
+                (3000.0 * (tone(3.1) + tone(8.3) + tone(13.7) + tone(19.1) + 0.3 * tone(37.0))) as i32
+            })
+        };
+        let hit = move |i: u64| of(i).map(|x| x + if i > 500 && i % 1400 == 701 { 1_000_000 } else { 0 });
+        let run = |of: Box<dyn Fn(u64) -> Frame>, mends| {
+            let made = Box::new(Made(of, vec![0..12_000, 13_000..20_000], Vec::new()));
+            let resampled = Resampled::new(made, 100.0, 50.0, 1 << 23);
+            let mut source = if mends { resampled.mending() } else { resampled };
+            let mut out = Vec::new();
+            while let Some(b) = source.next_block().unwrap() {
+                out.extend((b.first_index..).zip(b.frames.iter().copied()));
+            }
+            out
+        };
+        let (clean, mended) = (run(Box::new(of), true), run(Box::new(hit), true));
+        assert_eq!(clean, run(Box::new(of), false), "what has no spike is as it was");
+        assert_eq!(clean.len(), mended.len());
+        let (mut spikes, mut worst) = (0, 0);
+        for (clean, mended) in clean.iter().zip(&mended) {
+            let off = (0..CHANNELS).map(|c| (mended.1[c] - clean.1[c]).abs()).max().unwrap_or(0);
+            if off > 500_000 {
+                spikes += 1;
+            } else {
+                worst = worst.max(off);
+            }
+        }
+        assert_eq!(spikes, 14);
+        // A straight line across a hundredth of a second of these tones.
+        assert!(worst < 6_000, "{worst}");
+        let smeared = run(Box::new(hit), false);
+        assert!(smeared.iter().zip(&clean).filter(|(a, b)| (a.1[0] - b.1[0]).abs() > 6_000).count() > 300);
     }
 }
