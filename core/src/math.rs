@@ -1,7 +1,8 @@
 //! The one float shim: every elementary function of the core goes through here, on the host and on the target.
 //!
 //! All functions are `libm`'s portable ones, so the same bits come out everywhere (`std`'s own are never used:
-//! they differ between platforms in the last bit). Errors: below 1 unit in the last place for `sin`, `cos`,
+//! they differ between platforms in the last bit), but for sine and cosine, which are the same without what reduces angles of any
+//! size. Errors: below 1 unit in the last place for `sin`, `cos`,
 //! `atan2`, `ln`, `exp`; `sqrt`, `floor` and `round` are exact in the IEEE sense. Cost on the Cortex-M7, in instructions:
 //! `sin` 25, `atan2` 97, `ln` 42, `exp` 46, `sqrt` 57.
 
@@ -11,14 +12,49 @@ pub mod f32 {
     pub use libm::{
         acosf as acos, asinf as asin, atan2f as atan2, atanf as atan, ceilf as ceil, expf as exp,
         fabsf as abs, floorf as floor, hypotf as hypot, log1pf as ln_1p, logf as ln, powf, roundf as round,
-        sincosf as sin_cos, sinf as sin, sqrtf as sqrt, tanf as tan,
+        sqrtf as sqrt, tanf as tan,
     };
+
+    /// Sine and cosine; of more than 4·10⁸, which is no angle any more, 0 and 1. The bits are `libm`'s, whose kernels and constants these are
+    /// (FreeBSD's msun: `k_sinf`, `k_cosf`, `e_rem_pio2f`), without 2 kB that reduce any angle at all.
+    #[inline(never)]
+    #[must_use]
+    pub fn sin_cos(x: f32) -> (f32, f32) {
+        let bits = x.to_bits() & 0x7fff_ffff;
+        if bits >= 0x4dc9_0fdb {
+            return (0.0 * x, 1.0 + 0.0 * x);
+        }
+        if bits < 0x3980_0000 {
+            return (x, 1.0);
+        }
+        let x = f64::from(x);
+        let (quarters, far) = (super::f64::quarters(x), bits > 0x40e2_31d5);
+        let y = if far {
+            x - quarters * 1.570_796_310_901_641_8 - quarters * 1.589_325_477_352_819_6e-8
+        } else {
+            x - quarters * core::f64::consts::FRAC_PI_2
+        };
+        let z = y * y;
+        let (w, v) = (z * z, z * y);
+        let s = (y + v * (-0.166_666_666_416_265_24 + z * 0.008_333_329_385_889_463))
+            + v * w * (-0.000_198_393_348_360_966_32 + z * 2.718_311_493_989_822e-6);
+        let c = ((1.0 + z * -0.499_999_997_251_031) + w * 0.041_666_623_323_739_06)
+            + (w * z) * (-0.001_388_676_377_460_993 + z * 2.439_044_879_627_741e-5);
+        super::f64::turned(quarters, (s as f32, c as f32))
+    }
 
     /// By the function that gives both: the same bits, and one function less in flash.
     #[inline]
     #[must_use]
     pub fn cos(x: f32) -> f32 {
         sin_cos(x).1
+    }
+
+    /// By the function that gives both, as [`cos`].
+    #[inline]
+    #[must_use]
+    pub fn sin(x: f32) -> f32 {
+        sin_cos(x).0
     }
 
     /// Logarithm to base ten: rare, and long.
@@ -44,15 +80,103 @@ pub mod f32 {
 pub mod f64 {
     pub use core::f64::consts::{FRAC_PI_2, PI, TAU};
     pub use libm::{
-        acos, asin, atan, atan2, ceil, cos, erf, erfc, exp, fabs as abs, floor, j0, log as ln,
-        log1p as ln_1p, log10, pow as powf, round, sincos as sin_cos, sqrt, tgamma,
+        acos, asin, atan, atan2, ceil, erf, erfc, exp, fabs as abs, floor, j0, log as ln, log1p as ln_1p,
+        log10, pow as powf, round, sqrt, tgamma,
     };
+
+    /// Sine and cosine; of more than 1.6·10⁶ 0 and 1, as in single precision. The bits are `libm`'s, whose kernels and constants these are
+    /// (FreeBSD's msun: `k_sin`, `k_cos`, `e_rem_pio2`), without what reduces any angle at all.
+    #[inline(never)]
+    #[must_use]
+    pub fn sin_cos(x: f64) -> (f64, f64) {
+        let high = (x.to_bits() >> 32) as u32 & 0x7fff_ffff;
+        if high < 0x3e46_a09e {
+            return (x, 1.0);
+        }
+        if high <= 0x3fe9_21fb {
+            return (sin_within(x, 0.0, true), cos_within(x, 0.0));
+        }
+        if high >= 0x4139_21fb {
+            return (0.0 * x, 1.0 + 0.0 * x);
+        }
+        // π/2 in parts of 33 bits, and what each leaves.
+        const PARTS: [(f64, f64, i32); 3] = [
+            (1.570_796_326_734_125_6, 6.077_100_506_506_192e-11, 16),
+            (6.077_100_506_303_966e-11, 2.022_266_248_795_950_6e-21, 49),
+            (2.022_266_248_711_166_5e-21, 8.478_427_660_368_9e-32, i32::MAX),
+        ];
+        let quarters = quarters(x);
+        let (mut left, mut tail, mut near) = (x, 0.0, 0.0);
+        for (part, rest, most) in PARTS {
+            let (before, by) = (left, quarters * part);
+            left = before - by;
+            // What the difference has lost; of the first, whose bits are few, nothing.
+            tail = quarters * rest - ((before - left) - by);
+            near = left - tail;
+            // Enough, unless most of it has cancelled.
+            if (high >> 20) as i32 - ((near.to_bits() >> 52) as i32 & 0x7ff) <= most {
+                break;
+            }
+        }
+        let rest = (left - near) - tail;
+        turned(quarters, (sin_within(near, rest, false), cos_within(near, rest)))
+    }
+
+    /// The nearest whole number of quarter turns: adding 1.5 · 2⁵² leaves whole numbers.
+    #[inline]
+    pub(super) fn quarters(x: f64) -> f64 {
+        const ROUND: f64 = 6_755_399_441_055_744.0;
+        (x * core::f64::consts::FRAC_2_PI + ROUND) - ROUND
+    }
+
+    /// Sine and cosine of an angle turned by so many quarters.
+    #[inline]
+    pub(super) fn turned<T: core::ops::Neg<Output = T>>(quarters: f64, (s, c): (T, T)) -> (T, T) {
+        match quarters as i32 & 3 {
+            0 => (s, c),
+            1 => (c, -s),
+            2 => (-s, -c),
+            _ => (-c, s),
+        }
+    }
+
+    /// Sine of at most π/4, in two parts, or one `alone`.
+    fn sin_within(x: f64, rest: f64, alone: bool) -> f64 {
+        let z = x * x;
+        let r = 0.008_333_333_333_322_49
+            + z * (-0.000_198_412_698_298_579_5 + z * 2.755_731_370_707_006_8e-6)
+            + z * (z * z) * (-2.505_076_025_340_686_3e-8 + z * 1.589_690_995_211_55e-10);
+        const FIRST: f64 = -0.166_666_666_666_666_32;
+        let v = z * x;
+        if alone { x + v * (FIRST + z * r) } else { x - ((z * (0.5 * rest - v * r) - rest) - v * FIRST) }
+    }
+
+    /// Cosine of the same.
+    fn cos_within(x: f64, rest: f64) -> f64 {
+        let z = x * x;
+        let w = z * z;
+        let r = z
+            * (0.041_666_666_666_666_6 + z * (-0.001_388_888_888_887_411 + z * 2.480_158_728_947_673e-5))
+            + w * w
+                * (-2.755_731_435_139_066_3e-7
+                    + z * (2.087_572_321_298_175e-9 + z * -1.135_964_755_778_819_5e-11));
+        let half = 0.5 * z;
+        let w = 1.0 - half;
+        w + (((1.0 - w) - half) + (z * r - x * rest))
+    }
 
     /// By the function that gives both: the same bits, and one function less in flash.
     #[inline]
     #[must_use]
     pub fn sin(x: f64) -> f64 {
         sin_cos(x).0
+    }
+
+    /// By the function that gives both, as [`sin`].
+    #[inline]
+    #[must_use]
+    pub fn cos(x: f64) -> f64 {
+        sin_cos(x).1
     }
 
     /// Within 2 units in the last place where sine and cosine are within one.
@@ -201,9 +325,32 @@ mod tests {
         for n in 0..2_000_000 {
             let x = (n - 1_000_000) as f32 * 1.37e-3;
             assert_eq!(f32::cos(x).to_bits(), libm::cosf(x).to_bits(), "{x}");
+            assert_eq!(f32::sin(x).to_bits(), libm::sinf(x).to_bits(), "{x}");
             let x = f64::from(x) * 1.000_000_1;
             assert_eq!(f64::sin(x).to_bits(), libm::sin(x).to_bits(), "{x}");
+            assert_eq!(f64::cos(x).to_bits(), libm::cos(x).to_bits(), "{x}");
         }
+    }
+
+    #[test]
+    fn sine_and_cosine_are_those_of_the_library_as_far_as_angles_go() {
+        for n in 0..1_000_000u32 {
+            // Of every size, and those that cancel against quarter turns.
+            let x = core::primitive::f32::from_bits(n.wrapping_mul(4_294_967));
+            if f32::abs(x) < 4e8 {
+                assert_eq!(f32::sin_cos(x), libm::sincosf(x), "{x}");
+            }
+            let quarter = core::primitive::f64::from(n) * f64::FRAC_PI_2;
+            for x in [quarter, -quarter, core::primitive::f64::from(x)] {
+                if f64::abs(x) < 1.6e6 {
+                    assert_eq!(f64::sin_cos(x), libm::sincos(x), "{x}");
+                }
+            }
+        }
+        assert_eq!((f32::sin_cos(1e9), f64::sin_cos(-1e9)), ((0.0, 1.0), (0.0, 1.0)));
+        assert!(
+            f32::sin(core::primitive::f32::NAN).is_nan() && f64::cos(core::primitive::f64::INFINITY).is_nan()
+        );
     }
 
     #[test]
