@@ -5,7 +5,7 @@
 //! another be the strongest: of that one alone ([`super::change`]) it would look like a vessel that takes another's turn. All of them together jump as
 //! nothing else does.
 //!
-//! * Up to [`KNOWN`] vessels are known, the strongest and those that are followed beside it, with how fast each turns. The correlations at the
+//! * Up to [`KNOWN`] vessels are known, the strongest and those that are followed beside it, with how fast each turns or, high above, moves. The correlations at the
 //!   delays that they should have are summed, for the channels as they are and for each two of them exchanged, in units of the pairs' own peaks.
 //! * Where an exchange explains [`MORE`] beyond what they do as they are, no direction is told; the [`SURE`]th time in a row it is sure, and said by
 //!   the fault `Inconsistent`.
@@ -129,7 +129,8 @@ impl Exchange {
         (others, segment): (&Followed, u32),
     ) {
         let plan = context.plan;
-        let step = (context.index / plan.step_samples) as u32;
+        // The middle of a segment lies where a step ends, but for what is left out of it.
+        let step = (context.index.saturating_add(plan.step_samples.get() / 4) / plan.step_samples) as u32;
         let scores = self.scores(plan, (peaks, search), step);
         let before = scores.get(usize::from(self.pair)).copied().unwrap_or(0.0);
         // Of exchanged ones it is asked whether they are as they were, not whether others are exchanged as well.
@@ -178,7 +179,7 @@ impl Exchange {
         if near.is_some() {
             first.take(at, step);
         } else {
-            *first = Known::at(at, 0.0, step, 1);
+            *first = Known::at(at, step, 1);
         }
         if self.pair == 0 {
             for other in others.known.iter().filter(|k| k.lasts()) {
@@ -186,7 +187,8 @@ impl Exchange {
                 let place = self.near(plan, &at, step).unwrap_or_else(|| self.stalest(step, 1));
                 let [_, rest @ ..] = &mut self.known;
                 if let Some(known) = place.checked_sub(1).and_then(|n| rest.get_mut(n)) {
-                    *known = Known::at(at, other.turning, step, 2);
+                    *known = Known::at(at, step, 2);
+                    (known.turning, known.moving) = (other.turning, other.moving);
                 }
             }
         }
@@ -341,6 +343,28 @@ mod tests {
             });
             let (back, right) = (back.count(), right.count());
             assert!(back >= 8 && right == back, "{pair}: {right} of {back}");
+        }
+    }
+
+    #[test]
+    fn a_vessel_that_passes_over_the_array_is_no_exchange() {
+        let plan = plan(64_000.0);
+        // 7 m/s, 300 m above, half a metre aside or less, an eighth of a second each.
+        for (heading, aside_m, seed) in [(0.5f64, 0.5f64, 31u64), (2.6, 0.1, 32)] {
+            let mut sea = Vec::new();
+            for n in -48..48i32 {
+                let along_m = 7.0 / 8.0 * f64::from(n);
+                let (east, north) = (
+                    along_m * heading.sin() + aside_m * heading.cos(),
+                    along_m * heading.cos() - aside_m * heading.sin(),
+                );
+                let at = (east.atan2(north), 300f64.atan2(east.hypot(north)));
+                sea.extend(source(&plan, at, 3.0, None, 1, 1000 * seed + (n + 48) as u64).drain(..8000));
+            }
+            let heard = hear(&plan, &noisy(sea, seed));
+            assert!(heard.faults.iter().all(|f| f.0 == FaultCode::Impulses), "{:?}", heard.faults);
+            let later = heard.bearings.iter().filter(|b| b.index > 7 * 64_000).count();
+            assert!(later >= 9, "{later}");
         }
     }
 

@@ -5,6 +5,7 @@
 
 use super::beside::Beside;
 use super::estimate::Context;
+use super::jump::unit;
 use super::plan::Plan;
 use super::wavefront::{self, Direction};
 use crate::math::f32 as m;
@@ -21,6 +22,9 @@ const AGAIN_AFTER: u32 = 2;
 const TURNED: f32 = 0.1;
 /// Share of the newest turning in what is expected.
 const SMOOTHED: f32 = 0.5;
+/// Sine of the elevation from which on a vessel's azimuth may turn by anything as it passes over, and its elevation is sure: it and its image stand
+/// together there.
+const HIGH: f32 = 0.9;
 /// Farthest a second source moves between two searches, radians: a vessel at 100 m turns by 4° a second.
 pub(super) const SECOND_MOVES_RAD: f32 = 0.28;
 
@@ -30,6 +34,8 @@ pub(super) struct Known {
     direction: Direction,
     /// By how much its azimuth grows from segment to segment, radians. Its elevation is as uncertain as it changes.
     pub(super) turning: f32,
+    /// By how much its level part grows, by which it goes on where it is high.
+    pub(super) moving: [f32; 2],
     /// Segment in which it was found last.
     pub(super) segment: u32,
     /// How often it was found: 0 is no source, 1 one to be found again, 2 one that is followed.
@@ -46,6 +52,7 @@ impl Known {
     pub(super) const NONE: Self = Self {
         direction: [0.0; 3],
         turning: 0.0,
+        moving: [0.0; 2],
         segment: 0,
         found: 0,
         missed: 0,
@@ -54,8 +61,8 @@ impl Known {
     };
 
     /// One that was found so often.
-    pub(super) fn at(direction: Direction, turning: f32, segment: u32, found: u8) -> Self {
-        Self { direction, turning, segment, found, ..Self::NONE }
+    pub(super) fn at(direction: Direction, segment: u32, found: u8) -> Self {
+        Self { direction, segment, found, ..Self::NONE }
     }
 
     pub(super) fn lasts(&self) -> bool {
@@ -65,8 +72,13 @@ impl Known {
     /// Where it is expected in a segment.
     #[inline(never)]
     pub(super) fn expected(&self, segment: u32) -> Direction {
-        let (s, c) = m::sin_cos(self.turning * segment.wrapping_sub(self.segment) as f32);
+        let later = segment.wrapping_sub(self.segment) as f32;
         let [x, y, z] = self.direction;
+        if z > HIGH {
+            let [east, north] = self.moving;
+            return unit(&[x + later * east, y + later * north, z]);
+        }
+        let (s, c) = m::sin_cos(self.turning * later);
         [x * c + y * s, y * c - x * s, z]
     }
 
@@ -79,10 +91,15 @@ impl Known {
     /// Takes where it was found.
     #[inline(never)]
     pub(super) fn take(&mut self, direction: Direction, segment: u32) {
-        let own = turned(&self.direction, &direction) / segment.wrapping_sub(self.segment).max(1) as f32;
+        let passed = segment.wrapping_sub(self.segment).max(1) as f32;
         let share = if self.lasts() { SMOOTHED } else { 1.0 };
+        let own = turned(&self.direction, &direction) / passed;
         let turning = self.turning + share * (own - self.turning);
-        *self = Self { direction, turning, segment, found: 2, missed: 0, strong: true, ..*self };
+        let mut moving = self.moving;
+        for ((moving, new), old) in moving.iter_mut().zip(&direction).zip(&self.direction) {
+            *moving += share * ((new - old) / passed - *moving);
+        }
+        *self = Self { direction, turning, moving, segment, found: 2, missed: 0, strong: true, ..*self };
     }
 }
 
