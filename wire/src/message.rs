@@ -131,7 +131,8 @@ pub struct Bearing {
     /// stands out in the octave from 125 Hz · 2ⁿ up.
     pub band: u8,
     /// Bit 0 clipping in the segment, bit 1 a gap in the segment or samples bridged, bit 2 shortened segment, bit 3 one
-    /// hydrophone left out, the sign of the elevation (or the side of the others' plane) assumed: above the horizon.
+    /// hydrophone left out, the sign of the elevation (or the side of the others' plane) assumed: above the horizon; bit 4 channels
+    /// may be exchanged: that was noticed before, and nobody heard it end.
     pub flags: u8,
 }
 

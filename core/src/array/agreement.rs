@@ -13,6 +13,9 @@
 //!   much in this one direction has as much in the two that turn the bearing, and nothing says how much: the bearing is
 //!   stated with [`UNSEEN`] times it. A late channel that the direction hides is not seen until the vessel has moved.
 //!
+//! Of exchanged channels nothing is told either, until they are heard to be in order again; or the vessels that showed it are gone and others have been
+//! heard without contradiction for two minutes: then bearings are told again, with a flag that they may be mirrored.
+//!
 //! Cost: about 300 instructions a segment.
 
 use super::change::{Change, Scatter, Verdict};
@@ -34,6 +37,8 @@ const CONTRADICTING: u16 = 4;
 const CONTRADICTING_PAIRS: usize = 3;
 /// Segments that agree until directions are told again.
 const AGREEING: u16 = 8;
+/// Segments that agree, without the vessels that showed an exchange, until it is given up: two minutes at the usual step.
+const GIVEN_UP: u8 = 240;
 /// A pair's peak farther than this from where the direction wants it is another one, samples, beyond what positions told uncertain
 /// may make of it, and how far from half-way vessel and image are ([`split`]).
 const ELSEWHERE_SAMPLES: f32 = 0.8;
@@ -90,6 +95,10 @@ pub(super) struct Agreement {
     doubted: u16,
     /// Segments that must agree until directions are told again.
     withheld: u16,
+    /// Segments since a vessel was heard that has shown an exchange, in which what is heard agreed.
+    unseen: u8,
+    /// Whether an exchange was given up that nobody saw end.
+    given_up: bool,
     /// Whether channels changed, by the strongest source.
     change: Change,
     /// Whether two were exchanged, by all that are known.
@@ -126,9 +135,16 @@ impl Agreement {
             strayed: false,
             doubted: 0,
             withheld: 0,
+            unseen: 0,
+            given_up: false,
             change: Change::new(),
             exchange: Exchange::NEW,
         }
+    }
+
+    /// Whether channels may be exchanged, and nothing that is heard could tell.
+    pub(super) fn given_up(&self) -> bool {
+        self.given_up
     }
 
     /// Takes that samples are missing.
@@ -222,6 +238,16 @@ impl Agreement {
         if changed || self.exchange.sure().is_some() && self.change.exchanged().is_none() {
             self.exchange.agree(self.change.exchanged());
             self.change.set_exchanged(self.exchange.sure().or(self.change.exchanged()));
+        }
+        if self.change.exchanged().is_none() || self.exchange.witnessed() {
+            self.unseen = 0;
+        } else if clear && closed && !contradicted {
+            self.unseen += 1;
+            if self.unseen >= GIVEN_UP {
+                self.exchange.forget();
+                self.change.set_exchanged(None);
+                (self.unseen, self.given_up) = (0, true);
+            }
         }
         let doubtful = contradicted || (strain.is_some() && self.averaged >= AVERAGED);
         let lasts = doubtful && self.doubted.saturating_add(1) == CONTRADICTING && !self.change.is_told();

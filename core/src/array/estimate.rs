@@ -144,6 +144,8 @@ const BRIDGED: u8 = 1 << 1;
 const SHORTENED: u8 = 1 << 2;
 /// Flag of a bearing by three hydrophones, the sign of whose elevation is assumed.
 const LEFT_OUT: u8 = 1 << 3;
+/// Flag of a bearing after an exchange of channels that nobody saw end.
+const MIRRORED: u8 = 1 << 4;
 
 /// Estimates one segment and emits what it holds. `spectra` is used up.
 pub(crate) fn segment(
@@ -176,7 +178,8 @@ pub(crate) fn segment(
         loss: (0.0, 0.0),
         flags: u8::from(spectra.added.clipped)
             | (u8::from(spectra.added.bridged || share < WHOLE_SHARE) * BRIDGED)
-            | (u8::from(shortened) * SHORTENED),
+            | (u8::from(shortened) * SHORTENED)
+            | (u8::from(memory.agreement.given_up()) * MIRRORED),
     };
     refine::whiten(spectra);
     scratch.search.correlate(&band, spectra, &mut scratch.work);

@@ -11,6 +11,8 @@
 //!   the fault `Inconsistent`.
 //! * From then on no direction is told. The vessels are followed through the exchange, by each pair's own delays, until they are
 //!   heard as they were for as long, or what else is heard contradicts it ([`super::change`]).
+//! * It is believed for as long as one of the vessels is heard that showed it. What comes later cannot tell it from a sea that is the mirror image, and
+//!   channels are more likely in order than not ([`super::agreement`]).
 //! * While several are heard where they were, no exchange is believed that the strongest alone shows.
 //! * What is heard elsewhere than expected, and explained by no exchange, is new the [`STRAY`]th time: in a segment in the midst of which channels
 //!   are exchanged it may be anywhere.
@@ -65,13 +67,22 @@ pub(super) struct Exchange {
     strays: u8,
     /// Whether the vessels known explain what the pairs hear.
     explains: bool,
+    /// Whether the first vessel to be known is one that has shown an exchange.
+    shown: bool,
     /// Pairs of channels, a bit each, that are not exchanged: the vessels known are heard where they were, and not where that would put them.
     denied: u8,
 }
 
 impl Exchange {
-    pub(super) const NEW: Self =
-        Self { known: [Known::NONE; KNOWN], pair: 0, times: 0, strays: 0, explains: false, denied: 0 };
+    pub(super) const NEW: Self = Self {
+        known: [Known::NONE; KNOWN],
+        pair: 0,
+        times: 0,
+        strays: 0,
+        explains: false,
+        shown: false,
+        denied: 0,
+    };
 
     /// The pair of channels that is exchanged, where that is sure.
     pub(super) fn sure(&self) -> Option<u8> {
@@ -98,8 +109,16 @@ impl Exchange {
         match pair {
             Some(pair) if self.seems() => (self.pair, self.times) = (pair + 1, 0),
             None if self.explains => {}
-            _ => self.forget(),
+            _ => {
+                self.forget();
+                self.shown = pair.is_some();
+            }
         }
+    }
+
+    /// Whether a vessel is still heard that has shown an exchange.
+    pub(super) fn witnessed(&self) -> bool {
+        self.shown || self.known.iter().any(|k| k.found > 0 && k.led)
     }
 
     /// Takes that samples are missing: where vessels are after it nobody knows, and one that was heard at the mirrored place would look like an
@@ -113,7 +132,7 @@ impl Exchange {
     /// Forgets what is known.
     #[inline(never)]
     pub(super) fn forget(&mut self) {
-        (self.pair, self.times, self.strays, self.explains) = (0, 0, 0, false);
+        (self.pair, self.times, self.strays, self.explains, self.shown) = (0, 0, 0, false, false);
         for known in &mut self.known {
             known.found = 0;
         }
@@ -152,6 +171,9 @@ impl Exchange {
             self.times = self.times.saturating_add(1);
             if self.times >= SURE {
                 (self.pair, self.times, self.strays) = (best, 0, 0);
+                for known in &mut self.known {
+                    known.led = known.lasts();
+                }
             }
             return;
         }
@@ -180,6 +202,7 @@ impl Exchange {
             first.take(at, step);
         } else {
             *first = Known::at(at, step, 1);
+            first.led = core::mem::take(&mut self.shown);
         }
         if self.pair == 0 {
             for other in others.known.iter().filter(|k| k.lasts()) {
@@ -344,6 +367,29 @@ mod tests {
             let (back, right) = (back.count(), right.count());
             assert!(back >= 8 && right == back, "{pair}: {right} of {back}");
         }
+    }
+
+    #[test]
+    fn an_exchange_that_nobody_saw_end_is_given_up_and_what_is_told_then_is_marked() {
+        let plan = plan(f64::from(RATE_HZ));
+        let at = |seconds: f32| (seconds * RATE_HZ) as usize;
+        // What showed it falls silent, the channels are put right, and another vessel comes for longer than two minutes.
+        let mut sea = source(&plan, FIRST, 3.0, None, 26, 41);
+        sea[at(14.3)..].iter_mut().for_each(|x| x.swap(0, 3));
+        sea.extend(std::vec![[0.0; CHANNELS]; at(13.0)]);
+        let from_s = sea.len() as f32 / RATE_HZ;
+        let other = (FIRST.0 + 2.0, 0.2);
+        sea.extend(source(&plan, other, 3.0, None, 140, 42));
+        let heard = hear(&plan, &noisy(sea, 43));
+        let told = heard.faults.iter().filter(|f| f.0 == FaultCode::Inconsistent).count();
+        assert_eq!(told, 1, "{:?}", heard.faults);
+        let seconds = |b: &&crate::wire::Bearing| b.index as f32 / RATE_HZ;
+        let until = |s: f32, t: f32| heard.bearings.iter().filter(move |b| (s..t).contains(&seconds(b)));
+        assert!(until(0.0, 14.0).count() > 20 && until(0.0, 14.0).all(|b| b.flags & 16 == 0));
+        assert_eq!(until(16.0, from_s + 110.0).count(), 0);
+        let again: Vec<_> = until(from_s + 125.0, f32::INFINITY).collect();
+        assert!(again.len() > 20, "{}", again.len());
+        assert!(again.iter().all(|b| b.flags & 16 != 0 && error_from(b, other).0.abs() < 0.05));
     }
 
     #[test]

@@ -44,8 +44,8 @@ pub(super) struct Known {
     pub(super) missed: u8,
     /// It is not much fainter than the strongest.
     strong: bool,
-    /// It was the strongest once, as nothing is that a sick channel feigns.
-    led: bool,
+    /// It was the strongest once, as nothing is that a sick channel feigns; or, of those by which an exchange is looked for, it has shown one.
+    pub(super) led: bool,
 }
 
 impl Known {

@@ -67,7 +67,7 @@ record! {
         statistic: Option<f64>,
         /// 0 the strongest source of the band, 1 a second one beside it, 2 + n another source in the octave from 125 Hz · 2ⁿ up.
         band: u8,
-        /// Bit 0 clipping, bit 1 a gap or samples bridged, bit 2 a shortened segment, bit 3 one hydrophone left out.
+        /// Bit 0 clipping, bit 1 a gap or samples bridged, bit 2 a shortened segment, bit 3 one hydrophone left out, bit 4 channels may be exchanged: that was noticed before, and nobody heard it end.
         flags: u8,
     }
 }
