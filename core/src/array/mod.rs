@@ -30,6 +30,7 @@ mod leak;
 pub mod limit;
 mod memory;
 mod others;
+mod paths;
 mod patterns;
 mod places;
 mod plan;

@@ -9,6 +9,7 @@ use super::echo::Echo;
 use super::estimate::{Context, Found, MOST_UNEVEN, examine, find};
 use super::followed::{Known, SECOND_APART_CELLS, SECOND_MOVES_RAD, near};
 use super::memory::Memory;
+use super::paths;
 use super::plan::{Band, OCTAVES};
 use super::refine;
 use super::report::{Others, bearing};
@@ -76,11 +77,15 @@ pub(super) fn octave(
         let raw = &mut scratch.spectrum.raw;
         refine::coherence(plan, &band, spectra, &first.tau, raw);
         refine::remove(plan, &band, spectra, &first.tau, raw);
+        scratch.spectrum.measured = *raw;
         least = OCTAVE_LEAST * raw.iter().sum::<f32>() / context.bins();
     }
     let Some(mut found) = find(&context, None, spectra, scratch) else { return };
     if let Some(first) = first {
         let work = &mut scratch.spectrum;
+        if paths::is_image(&context, spectra, first, &work.measured) {
+            return;
+        }
         refine::smoothed(&band, context.noise(1.0), &work.raw, &mut work.smooth);
         refine::overdone(plan, &band, &first.tau, &found.tau, &mut work.smooth);
         refine::remove(plan, &band, spectra, &first.tau, &work.smooth);
@@ -145,7 +150,8 @@ pub(super) fn search(
     // What comes from below in the vessel's own direction is no vessel.
     memory.echo.look(context, first, &scratch.search);
     let echo = |other: &Found| Echo::is(context, first, other);
-    let other = other.filter(|other| !echo(other) && is_new(&other.refined.direction));
+    let image = || paths::is_image(context, spectra, first, &scratch.spectrum.measured);
+    let other = other.filter(|other| !echo(other) && is_new(&other.refined.direction) && !image());
     let Some(other) = other else {
         memory.others.drop_doubtful();
         return;
