@@ -9,7 +9,8 @@
 //!   said of directions then; where it lasts, not until [`AGREEING`] segments have agreed.
 //! * Strained: four arrival times have one degree of freedom beyond level and direction (how fast the sound crosses the array).
 //!   What is left in it is noise and multipath, which change from segment to segment, or an error that stays: the mean over
-//!   [`EARLY`] segments, and for the fault over [`AVERAGED`], is most of their mean square, and more than what was told uncertain explains. An error that shows so
+//!   [`EARLY`] segments, and for the fault over [`AVERAGED`], is most of their mean square, and more than what was told uncertain explains; the fault also wants delays that close
+//!   their triangles better than that, as another vessel's beside this one does not leave them. An error that shows so
 //!   much in this one direction has as much in the two that turn the bearing, and nothing says how much: the bearing is
 //!   stated with [`UNSEEN`] times it. A late channel that the direction hides is not seen until the vessel has moved.
 //!
@@ -216,7 +217,8 @@ impl Agreement {
         }
         // Peaks of several sources are of no arrival times at all: what was sure before still is.
         let apart = split.iter().fold(elsewhere, |most, apart| most.max(elsewhere + apart));
-        let closed = report::closure(&delays) * plan.rate_hz < apart;
+        let closure = report::closure(&delays);
+        let closed = closure * plan.rate_hz < apart;
         // Of three pairs that a late hydrophone is in, one may be at the edge of what contradicts.
         let enough = CONTRADICTING_PAIRS - usize::from(self.doubted > 0 && !closed);
         let contradicted = contradicting >= enough;
@@ -249,7 +251,9 @@ impl Agreement {
                 (self.unseen, self.given_up) = (0, true);
             }
         }
-        let doubtful = contradicted || (strain.is_some() && self.averaged >= AVERAGED);
+        // What strains delays that are of no arrival times as much is another vessel, which some pairs hear with this one and some apart.
+        let strains = strain.is_some_and(|s2| CHANNELS as f32 * UNSEEN * UNSEEN * closure * closure < s2);
+        let doubtful = contradicted || (strains && self.averaged >= AVERAGED);
         let lasts = doubtful && self.doubted.saturating_add(1) == CONTRADICTING && !self.change.is_told();
         if changed || !told && self.exchange.sure().is_some() || lasts {
             let value = i64::from(CONTRADICTING);
@@ -311,5 +315,29 @@ impl Agreement {
         let unexpected = lasting > least * least + TOLD_SD * TOLD_SD * told;
         let stays = self.averaged >= EARLY && lasting > LASTING * self.square;
         (unexpected && stays).then_some(UNSEEN * UNSEEN * lasting)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_sea::{hear, noisy, plan, source};
+    use crate::wire::FaultCode;
+
+    #[test]
+    fn two_vessels_that_pairs_hear_now_apart_now_together_are_no_fault_of_channels() {
+        let plan = plan(16_000.0);
+        let mut said = 0;
+        for n in 0..24u64 {
+            let azimuth = 0.55 * n as f64;
+            let apart = 0.12 + 0.02 * (n % 8) as f64;
+            let mut sea = noisy(source(&plan, (azimuth, 0.35), 3.0, None, 16, 500 + n), n);
+            for (sum, x) in sea.iter_mut().zip(source(&plan, (azimuth + apart, 0.3), 2.7, None, 16, 600 + n))
+            {
+                sum.iter_mut().zip(x).for_each(|(sum, x)| *sum += x);
+            }
+            let faults = hear(&plan, &sea).faults;
+            said += faults.iter().filter(|f| f.0 == FaultCode::Inconsistent).count();
+        }
+        assert_eq!(said, 0);
     }
 }
