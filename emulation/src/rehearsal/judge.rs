@@ -237,8 +237,9 @@ const MOST_EARLY: u64 = 2560;
 struct Assumed {
     /// They are off by so much from the first conversion on that is wanting to the second: before the board told of it.
     early: Option<i64>,
-    /// They are off by so much afterwards.
+    /// They are off by so much afterwards, from so many wanting conversions' gaps on: of several estimates each errs by itself.
     off: i64,
+    after: usize,
 }
 
 fn compare(session: &Session<'_>, blob: &[u8], at_least: u64) -> Result<Option<(String, i64)>> {
@@ -299,7 +300,8 @@ fn compare(session: &Session<'_>, blob: &[u8], at_least: u64) -> Result<Option<(
             }
             if *number > before + 1 && restarts > 0 {
                 seen += 1;
-                shift = assumed.early.filter(|_| seen == 1).unwrap_or(assumed.off);
+                let off = if seen > assumed.after { assumed.off } else { 0 };
+                shift = assumed.early.filter(|_| seen == 1).unwrap_or(off);
             }
             before = *number;
             let index = (number - base).saturating_add_signed(shift);
@@ -346,12 +348,15 @@ fn compare(session: &Session<'_>, blob: &[u8], at_least: u64) -> Result<Option<(
         return Ok(Some((words, 0)).filter(|_| records || given_up > 0));
     }
     if restarts > 0 {
-        let most = jumps.iter().map(|(gap, before)| most_off(*gap, *before)).sum::<i64>().max(1);
+        let most =
+            |after: usize| jumps.iter().skip(after).map(|(gap, before)| most_off(*gap, *before)).sum::<i64>();
         // Wanting without being counted, or counted once too often.
         let early = [None, jumps.first().map(|jump| -(jump.0 as i64)), Some(1)];
-        for off in (0..=most).flat_map(|n| [n, -n]) {
+        let offs = (0..jumps.len().max(1))
+            .flat_map(|after| (0..=most(after).max(1)).flat_map(move |n| [(after, n), (after, -n)]));
+        for (after, off) in offs {
             for early in early {
-                let (heard, _, wrong) = host_with(Assumed { early, off }, u64::MAX, false)?;
+                let (heard, _, wrong) = host_with(Assumed { early, off, after }, u64::MAX, false)?;
                 let most_early = if session.seismic.is_some() { 0 } else { MOST_EARLY };
                 if agree(&heard) && wrong <= most_early {
                     let mut words = format!("estimate, {} off", off.abs());
@@ -561,6 +566,26 @@ mod tests {
             assert!(!far.right && far.outcome.starts_with("WRONG"), "{off}: {}", far.outcome);
         }
         assert_eq!([most_off(64, 32_000), most_off(64_000, 32_000), most_off(3_840_000, 32_000)], [1, 1, 16]);
+    }
+
+    #[test]
+    fn of_two_estimates_each_errs_by_itself() {
+        let blob = blob();
+        let gaps = [40_000..50_000, 60_000..70_000];
+        let numbers: Vec<u64> = (0..2 * RATE).filter(|n| !gaps.iter().any(|gap| gap.contains(n))).collect();
+        for (off, right) in [(0, true), (-1, true), (-3, false)] {
+            let given: Vec<u64> = numbers
+                .iter()
+                .map(|n| if *n >= gaps[1].end { n.saturating_add_signed(off) } else { *n })
+                .collect();
+            let mut said = says(&blob, &numbers, &given);
+            for (gap, off) in gaps.iter().zip([0, off]) {
+                let told = gap.end.saturating_add_signed(off);
+                said.push(fault(FaultCode::ConverterRestarted, told, told - gap.start));
+            }
+            let judged = judged(&run(said, numbers.clone()), UNDISTURBED);
+            assert_eq!(judged.right, right, "{off}: {}", judged.outcome);
+        }
     }
 
     #[test]
