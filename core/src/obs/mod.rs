@@ -21,6 +21,7 @@ mod averages;
 mod azigram;
 mod background;
 mod bands;
+mod steady;
 
 mod ambient;
 mod between;
@@ -60,7 +61,6 @@ mod minute_records;
 mod station;
 #[cfg(test)]
 pub(crate) mod station_tests;
-mod steady;
 
 pub use plan::{Plan, PlanError};
 pub(crate) use station::{CLOSED_AFTER_S, close, take};
