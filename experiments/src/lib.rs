@@ -54,6 +54,7 @@ mod obs_model;
 mod obs_month;
 mod obs_network;
 mod obs_noise_week;
+mod obs_noisy;
 mod obs_one_ship;
 mod obs_orient;
 mod obs_pictures;
@@ -188,6 +189,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_far::FAR,
     obs_bad_samples::BAD_SAMPLES,
     obs_loud::LOUD,
+    obs_noisy::NOISY,
     obs_speeds::SPEEDS,
     obs_real::REAL,
     obs_pulse::PULSE,

@@ -175,9 +175,14 @@ impl Numbers {
         }
     }
 
+    /// All four together.
+    pub(super) fn all(&self) -> Stated {
+        Stated::sum(&self.0)
+    }
+
     /// Reports how often the truth is in the stated 95 %.
     pub(super) fn report(&self, options: &Options) {
-        let (figures, all) = (&options.figures, Stated::sum(&self.0));
+        let (figures, all) = (&options.figures, self.all());
         let name = "truth in the stated 95 %: final track";
         figures.report(name, all.percent(all.within), Bar::Within(92.0, 97.0));
         for (what, s) in ["CPA time", "CPA range", "heading", "speed"].iter().zip(&self.0) {

@@ -3,10 +3,12 @@
 //! Enters: 1024 samples of pressure, north and east. Leaves: ln|P| of all bins (for the cepstrum) and, for the bins of
 //! the tone band, the azimuth of `I = Re(P* V)` and the phase between pressure and the velocity along it. A plane
 //! wave has that phase near zero or at least steady; pressure and a shaking instrument have it at random.
-//! Assumes: equal gain and phase of north and east. Cost: three transforms (150 k instructions) and 266 × 210.
+//! Assumes: equal gain and phase of north and east; their noise is evened, and what is found is
+//! turned back when it is told (`evened`). Cost: three transforms (150 k instructions) and 266 × 210.
 
 use super::averages::Averages;
 use super::background::{Background, straightened};
+use super::evened::Evened;
 use super::limits::{AZIMUTH_BINS, CIRCLE, FRAME, HOP, USED_CHANNELS};
 use super::row::{self, PHASES, Row};
 use super::shared::Spectra;
@@ -82,6 +84,7 @@ pub fn analyse(
     old: &[[f32; HOP]; USED_CHANNELS],
     new: &[[f32; HOP]; USED_CHANNELS],
     sources: Sources,
+    evened: &Evened,
     row: &mut Row,
     averages: &mut Averages,
     steady: &mut Steady,
@@ -118,13 +121,13 @@ pub fn analyse(
     let ((pressure, last_p), (east, last_e)) = (pressure.as_chunks(), east.as_chunks());
     let ((north, last_n), (phase, last_phase)) = (north.as_chunks_mut(), phase.as_chunks_mut());
     for (((p, e), n), phase) in pressure.iter().zip(east).zip(north).zip(phase) {
-        intensities::<TOGETHER>(p, e, n, phase);
+        intensities::<TOGETHER>(evened, p, e, n, phase);
     }
     let (last_n, last_phase) = (last_n.as_chunks_mut().0, last_phase.as_chunks_mut().0);
     for (((p, e), n), phase) in
         last_p.as_chunks().0.iter().zip(last_e.as_chunks().0).zip(last_n).zip(last_phase)
     {
-        intensities::<1>(p, e, n, phase);
+        intensities::<1>(evened, p, e, n, phase);
     }
     let intensity = scratch.intensity.get(..band.bins).unwrap_or_default();
     // What is transformed is done with: directions in its place, none where there is none to tell.
@@ -169,6 +172,7 @@ const TOGETHER: usize = if cfg!(target_arch = "arm") { 1 } else { 4 };
 /// and velocity.
 #[inline(always)]
 fn intensities<const N: usize>(
+    evened: &Evened,
     pressure: &[[f32; 2]; N],
     east: &[Complex32; N],
     north: &mut [[f32; 2]; N],
@@ -176,10 +180,12 @@ fn intensities<const N: usize>(
 ) {
     let (pre, pim): ([f32; N], [f32; N]) =
         (core::array::from_fn(|k| pressure[k][0]), core::array::from_fn(|k| pressure[k][1]));
-    let (ere, eim): ([f32; N], [f32; N]) =
-        (core::array::from_fn(|k| east[k].re), core::array::from_fn(|k| east[k].im));
-    let (nre, nim): ([f32; N], [f32; N]) =
-        (core::array::from_fn(|k| north[k][0]), core::array::from_fn(|k| north[k][1]));
+    let [nn, ne, ee] = evened.matrix;
+    let weighed = |n: f32, e: f32| [nn * n + ne * e, ne * n + ee * e];
+    let re: [[f32; 2]; N] = core::array::from_fn(|k| weighed(north[k][0], east[k].re));
+    let im: [[f32; 2]; N] = core::array::from_fn(|k| weighed(north[k][1], east[k].im));
+    let (nre, nim) = (re.map(|[n, _]| n), im.map(|[n, _]| n));
+    let (ere, eim) = (re.map(|[_, e]| e), im.map(|[_, e]| e));
     let active = |re: &[f32; N], im: &[f32; N]| -> [f32; N] {
         core::array::from_fn(|k| pre[k] * re[k] + pim[k] * im[k])
     };

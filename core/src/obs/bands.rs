@@ -7,6 +7,7 @@
 //! is does not count: one burst must not speak for a minute. Cost: 20 instructions a bin and frame; nothing is kept from
 //! minute to minute.
 
+use super::evened::Evened;
 use super::limits::{CIRCLE, FRAME};
 use super::plan::Plan;
 use super::row::Row;
@@ -53,7 +54,7 @@ fn sum(rows: &[&Row], bin: usize) -> ([i32; 2], u32) {
 /// The azigram of a minute about `index`, of its rows; none where no bin has a direction.
 // Called from `report`, whose stack it must not share.
 #[inline(never)]
-pub(super) fn azigram(plan: &Plan<'_>, index: u64, rows: &[&Row]) -> Option<Azigram> {
+pub(super) fn azigram(plan: &Plan<'_>, evened: &Evened, index: u64, rows: &[&Row]) -> Option<Azigram> {
     let band = &plan.band;
     let edge = |n: usize| Azigram::edge(band.bins, n);
     let mut out = Azigram {
@@ -80,7 +81,8 @@ pub(super) fn azigram(plan: &Plan<'_>, index: u64, rows: &[&Row]) -> Option<Azig
         }
         let mean = math::f32::sqrt(east * east + north * north) / (edge(n + 1) - edge(n)) as f32;
         // One turn more, so that what is cut to a whole step is never negative.
-        let turn = 1.0 + math::f32::atan2(east, north) / math::f32::TAU;
+        let (azimuth_told, _) = evened.told(math::f32::atan2(east, north));
+        let turn = 1.0 + azimuth_told / math::f32::TAU;
         *azimuth = ((turn * STEPS as f32 + 0.5) as u32 % STEPS as u32) as u8;
         // Rounded; a conversion ends at the greatest value.
         *coherence = (255.0 * math::f32::sqrt(mean) + 0.5) as u8;
@@ -104,7 +106,7 @@ mod tests {
     /// The azigram at 50 Hz of six such rows.
     fn of(directions: impl Fn(usize, usize) -> Option<u16>) -> Option<Azigram> {
         let rows: Vec<Row> = (0..6).map(|frame| row(|bin| directions(frame, bin))).collect();
-        azigram(&plan(50.0), 3000, &rows.iter().collect::<Vec<_>>())
+        azigram(&plan(50.0), &Evened::NONE, 3000, &rows.iter().collect::<Vec<_>>())
     }
 
     #[test]
@@ -161,7 +163,7 @@ mod tests {
 
     #[test]
     fn nothing_is_said_without_a_direction() {
-        assert_eq!(azigram(&plan(50.0), 0, &[]), None);
+        assert_eq!(azigram(&plan(50.0), &Evened::NONE, 0, &[]), None);
         assert_eq!(of(|_, _| None), None);
         assert!(of(|frame, bin| (bin + frame == 0).then_some(0)).is_some());
     }

@@ -21,6 +21,7 @@
 //! Cost: 400 instructions a minute.
 
 use super::deaf::{Deafness, HEARS, Hearing, News};
+use super::evened::OwnNoise;
 use super::gains::Gains;
 use super::misplaced::{Misplaced, Pressure};
 use super::moments::Moments;
@@ -169,6 +170,7 @@ pub(super) struct Checks {
     /// Of north, east, vertical.
     signs: [Signs; 3],
     gains: Gains,
+    pub(super) own_noise: OwnNoise,
     deafness: Deafness,
     misplaced: Misplaced,
     /// The component that was said to be wrong, the vertical one by its sign, a horizontal one by being the vertical, one with
@@ -185,6 +187,7 @@ impl Checks {
             minute: Moments::NONE,
             signs: [Signs::NONE; 3],
             gains: Gains::new(),
+            own_noise: OwnNoise::new(),
             deafness: Deafness::new(),
             misplaced: Misplaced::NONE,
             said_component: 0,
@@ -216,7 +219,10 @@ impl Checks {
                 self.vote(&coherence, chance);
                 self.gains.vessel(&m);
             }
-            Heard::Nothing => self.gains.noise(&m),
+            Heard::Nothing => {
+                self.gains.noise(&m);
+                self.own_noise.take(&m);
+            }
             Heard::Expected | Heard::Other => {}
         }
         let is_measure = u64::from(m.instants) * PART >= minute.whole;

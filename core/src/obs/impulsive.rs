@@ -8,6 +8,7 @@
 //! That tells that there is a call, and who else is none. Its azimuth is that of what such bursts add to the sound between them (`bursts.rs`): a
 //! vessel's noise is in a frame's bins too. Cost: 80 k instructions for each frame that may.
 
+use super::evened::Evened;
 use super::limits::{CIRCLE, HOP, WINDOW_FRAMES};
 use super::row::Row;
 use crate::math;
@@ -106,6 +107,17 @@ pub struct Call {
     pub sd: f32,
     /// Natural logarithm of the presence ratio.
     pub log_presence: f32,
+}
+
+impl Call {
+    /// Gives what its bins tell its true azimuth, where north was weighed.
+    pub(super) fn turn_back(&mut self, evened: &Evened) {
+        let of_bins = self.azimuth == self.leaning;
+        (self.leaning, _) = evened.told(self.leaning);
+        if of_bins {
+            self.azimuth = self.leaning;
+        }
+    }
 }
 
 /// Filter memory and burst energies of the hop being filled.

@@ -21,6 +21,7 @@ mod averages;
 mod azigram;
 mod background;
 mod bands;
+mod evened;
 mod steady;
 
 mod ambient;

@@ -14,6 +14,7 @@ use super::bursts::Excess;
 use super::cepstrum;
 use super::checks::{Checks, Heard, Minute as Checked};
 use super::clutter::Clutter;
+use super::evened::Evened;
 use super::evidence::{Evidence, Minute};
 use super::hops::Hops;
 use super::impulsive;
@@ -347,6 +348,7 @@ impl State {
             (true, false) => Sources::One,
             (true, true) => Sources::Several,
         };
+        let evened = self.evened(plan);
         let Some(kept) = self.kept.get_mut(self.next_kept) else { return };
         self.averages.begin(old.end);
         let spectra = scratch.shared.spectra();
@@ -356,6 +358,7 @@ impl State {
             &old.samples,
             &new.samples,
             sources,
+            &evened,
             &mut kept.row,
             &mut self.averages,
             &mut self.steady,
@@ -381,6 +384,11 @@ impl State {
         self.hops.used(&mut self.intake.accounting);
     }
 
+    /// How noise of the horizontal components is evened.
+    fn evened(&self, plan: &Plan<'_>) -> Evened {
+        if plan.paper { Evened::NONE } else { self.checks.own_noise.evened(plan.band.turn) }
+    }
+
     /// Makes the records of minute `k`; whether there was anything to hear.
     // Called from several places, and large.
     #[inline(never)]
@@ -403,12 +411,16 @@ impl State {
             held += 1;
         }
         let rows = rows.get(..held).unwrap_or_default();
-        let call = if plan.paper { None } else { impulsive::search(plan.band.bins, plan.band.turn, rows) };
+        let mut call =
+            if plan.paper { None } else { impulsive::search(plan.band.bins, plan.band.turn, rows) };
         let mut directions = plan.tones.search(plan.band.bins, &self.ambient, scratch.shared.tonal(), rows);
         self.steady.widen(&mut directions);
-        if let Some(call) = &call {
+        let evened = self.evened(plan);
+        if let Some(call) = &mut call {
             directions.attribute(call.leaning, plan.band.bins);
+            call.turn_back(&evened);
         }
+        directions.turn_back(&evened);
         let expected =
             if plan.paper { ExpectedVessels::default() } else { self.tracker.expected(plan, k as u32) };
         let frames = || {
@@ -484,7 +496,7 @@ impl State {
                 for (slot, kept) in minute.iter_mut().zip(self.kept.iter().filter(of_minute)) {
                     (*slot, held) = (&kept.row, held + 1);
                 }
-                let azigram = bands::azigram(plan, index, minute.get(..held).unwrap_or_default());
+                let azigram = bands::azigram(plan, &evened, index, minute.get(..held).unwrap_or_default());
                 azigram.into_iter().for_each(|azigram| sink(Message::Azigram(azigram)));
             }
         }

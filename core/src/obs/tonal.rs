@@ -22,6 +22,7 @@
 use super::ambient::Ambient;
 use super::between::Between;
 use super::cauchy::{Codes, Profile, WrappedCauchy, distance, step_of};
+use super::evened::Evened;
 use super::limits::{AZIMUTH_BINS, AZIMUTH_MODES, AZIMUTHS, CIRCLE, SPAN};
 use super::row::Row;
 use super::shared::Tonal;
@@ -89,6 +90,19 @@ impl Directions {
         self.modes = [None; AZIMUTH_MODES];
         self.log_presence = NO_PRESENCE;
         self.log_below = f32::NEG_INFINITY;
+    }
+
+    /// Gives the modes their true azimuths, where north was weighed.
+    pub(super) fn turn_back(&mut self, evened: &Evened) {
+        for m in self.modes.iter_mut().flatten() {
+            let (azimuth, slope) = evened.told(m.azimuth);
+            if slope != 1.0 {
+                let least = LEAST_SD * LEAST_SD;
+                let var = (m.sd * m.sd - least).max(0.0) * slope * slope * evened.unsure();
+                m.sd = math::f32::sqrt(var + least);
+            }
+            m.azimuth = azimuth;
+        }
     }
 
     /// Gives the modes that are a call's (its direction, and many bins) to the call.
@@ -284,7 +298,7 @@ const SURE_WIDEBAND: f32 = 14.5;
 /// Directions for one that is independent. Of a tone's three bins errors go together to 2/3 and 1/6 by the Hann window, which makes 2.67 of
 /// one, and half-overlapped frames to 1/6, 1.33: 3.55. Those of wideband sound go together to the squares of these: 2.05. A vessel's bins are
 /// mostly tones' where it is weak; chosen so that azimuths of vessels 10 dB below the table's level lie in their 95 %.
-const ALIKE: f32 = 3.3;
+const ALIKE: f32 = 3.1;
 
 /// Frames that a bin's scatter counts for before it is seen, and their variance (5 degrees squared), rad².
 const FRAMES_BEFORE: f32 = 2.0;

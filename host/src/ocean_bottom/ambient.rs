@@ -27,10 +27,20 @@ pub struct Directional {
     pub elevation: f64,
 }
 
+/// Noise of the horizontal velocities along an axis.
+#[derive(Clone, Copy, Debug)]
+pub struct Shaking {
+    /// True azimuth of the axis, rad.
+    pub axis: f64,
+    /// Root-mean-square velocity, in the units of pressure.
+    pub rms: f64,
+}
+
 /// The noise of one station.
 pub struct AmbientNoise {
     rms: [f64; 4],
     directional: Vec<Directional>,
+    shaking: Vec<Shaking>,
     seed: u64,
     shape: Vec<f32>,
     window: Vec<f32>,
@@ -42,7 +52,14 @@ pub struct AmbientNoise {
 
 impl AmbientNoise {
     /// Noise of root-mean-square values for pressure, East, North and Up (white part), `low_db` louder at 0.2 Hz.
-    pub fn new(rate_hz: f64, rms: [f64; 4], low_db: f64, directional: Vec<Directional>, seed: u64) -> Self {
+    pub fn new(
+        rate_hz: f64,
+        rms: [f64; 4],
+        low_db: f64,
+        directional: Vec<Directional>,
+        shaking: Vec<Shaking>,
+        seed: u64,
+    ) -> Self {
         let slope = low_db / 20.0 / 5f64.log10();
         let shape = (0..=BLOCK / 2)
             .map(|k| {
@@ -54,6 +71,7 @@ impl AmbientNoise {
         Self {
             rms,
             directional,
+            shaking,
             seed,
             shape,
             window: (0..BLOCK)
@@ -111,6 +129,15 @@ impl AmbientNoise {
                 }
             }
         }
+        for along in &self.shaking {
+            let motion = draw(along.rms, &self.shape);
+            let (s, c) = along.axis.sin_cos();
+            for (spectrum, part) in spectra.iter_mut().zip([0.0, s, c, 0.0]) {
+                for (x, w) in spectrum.iter_mut().zip(&motion) {
+                    *x += w * part as f32;
+                }
+            }
+        }
         let mut out = vec![[0.0f32; 4]; BLOCK];
         let mut time = vec![0.0f32; BLOCK];
         for (channel, spectrum) in spectra.iter_mut().enumerate() {
@@ -135,7 +162,7 @@ mod tests {
     #[test]
     fn levels_and_coherence() {
         let west = Directional { azimuth: 1.5 * std::f64::consts::PI, rms: 2.0, elevation: 0.0 };
-        let mut a = AmbientNoise::new(50.0, [1.0, 1.5, 1.0, 0.5], 0.0, vec![west], 5);
+        let mut a = AmbientNoise::new(50.0, [1.0, 1.5, 1.0, 0.5], 0.0, vec![west], Vec::new(), 5);
         let samples: Vec<Field> = (0..40).flat_map(|_| a.next_hop()).collect();
         let n = samples.len() as f32;
         let mean = |f: &dyn Fn(&Field) -> f32| samples.iter().map(f).sum::<f32>() / n;

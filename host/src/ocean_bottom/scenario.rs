@@ -124,6 +124,20 @@ pub struct AmbientTable {
     pub microseism_db: f64,
     /// Directional parts.
     pub directional: Vec<DirectionalTable>,
+    /// Noise of the horizontal velocities along an axis.
+    pub shaking: Vec<ShakingTable>,
+}
+
+/// Noise of the horizontal velocities along one axis, which pressure does not have: a place or an instrument that shakes one way, or, with
+/// the orientation of a component as its axis, a component that is noisier than the other.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShakingTable {
+    /// True azimuth of the axis, degrees.
+    pub axis_deg: f64,
+    /// Level against the isotropic pressure, dB.
+    pub level_db: f64,
 }
 
 /// Ambient noise from one direction.
@@ -350,6 +364,7 @@ impl Default for AmbientTable {
             vertical_db: 0.0,
             microseism_db: 15.0,
             directional: Vec::new(),
+            shaking: Vec::new(),
         }
     }
 }

@@ -3,7 +3,7 @@
 //! Samples come in order and in fixed memory, so that a week can run straight into the core. Everything random comes
 //! from the scenario's seed. [`Simulator`] is a [`BlockSource`].
 
-use super::ambient::{AmbientNoise, Directional, HOP};
+use super::ambient::{AmbientNoise, Directional, HOP, Shaking};
 use super::event::{Caller, HeardEvent, Species, Wave};
 use super::passage::{Field, ReceivedVessel, gain};
 use super::scenario::{ObsFault, ObsScenario, Radiation};
@@ -150,7 +150,10 @@ impl Simulator {
                 elevation: 0.3,
             })
             .collect();
-        let ambient = AmbientNoise::new(rate, levels, a.microseism_db, directional, seed());
+        let shaking = (a.shaking.iter())
+            .map(|s| Shaking { axis: s.axis_deg.to_radians(), rms: factor(s.level_db) })
+            .collect();
+        let ambient = AmbientNoise::new(rate, levels, a.microseism_db, directional, shaking, seed());
         let end = (scenario.duration_s * rate).round() as u64;
         Ok(Self {
             table,
