@@ -21,6 +21,7 @@ use crate::wire::Message;
 use told::Seen;
 
 mod told;
+mod turned;
 
 /// Places for tracks.
 const LIVE: usize = VESSELS;
@@ -130,11 +131,13 @@ impl Tracker {
         self.improve(plan, evidence, now, sink);
         let tracks = self.live.iter().flatten().count();
         for k in 0..LIVE {
-            let others = self.others(k);
+            let (others, turned) = (self.others(k), self.turned(k));
             let Some(slot) = self.live.get_mut(k) else { continue };
             let Some(live) = slot else { continue };
-            if now > live.to + SILENCE {
-                let told = live.end(plan, &Seen { evidence, others, gone: &self.gone, in_doubt }, now, sink);
+            let wait = if turned { SILENCE } else { live.waits() };
+            if now > live.to + wait {
+                let seen = Seen { evidence, others, gone: &self.gone, in_doubt };
+                let told = live.end(plan, &seen, now, turned, sink);
                 let (course, echoes) = (live.course, live.shows_itself());
                 evidence.forget(|m| without(plan, &course, echoes, told, m));
                 // Of what was no vessel's course the directions are some vessel's.
@@ -195,9 +198,9 @@ impl Tracker {
         self.improve(plan, evidence, now, sink);
         let in_doubt = self.pairs_in_doubt;
         for k in 0..LIVE {
-            let others = self.others(k);
+            let (others, turned) = (self.others(k), self.turned(k));
             if let Some(live) = self.live.get(k).and_then(Option::as_ref) {
-                live.end(plan, &Seen { evidence, others, gone: &self.gone, in_doubt }, now, sink);
+                live.end(plan, &Seen { evidence, others, gone: &self.gone, in_doubt }, now, turned, sink);
             }
         }
         self.live = [None; LIVE];

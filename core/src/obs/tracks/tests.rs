@@ -15,11 +15,11 @@ use std::vec::Vec;
 const VESSELS: [[f64; 4]; 2] = [[-30_000.0, 8_000.0, 5.0, 0.5], [12_000.0, -25_000.0, -0.5, 4.5]];
 
 /// No ranges.
-const NO_RANGES: RangePresence =
+pub(super) const NO_RANGES: RangePresence =
     RangePresence { log_odds: 5.0, log_evidence: 5.0, approaching: 0.5, modes: [None; 4] };
 
 /// The directions of two vessels.
-fn directions(seen: [&Seen; 2]) -> Directions {
+pub(super) fn directions(seen: [&Seen; 2]) -> Directions {
     let mut out =
         Directions { modes: [None; 3], log_presence: 20.0, log_below: f32::NEG_INFINITY, frames: 17 };
     for (slot, s) in out.modes.iter_mut().zip(seen) {
@@ -30,7 +30,7 @@ fn directions(seen: [&Seen; 2]) -> Directions {
 }
 
 /// A range.
-fn mode(range_m: f64, speed_m_s: f64) -> Option<RangeMode> {
+pub(super) fn mode(range_m: f64, speed_m_s: f64) -> Option<RangeMode> {
     Some(RangeMode {
         range_m: range_m as f32,
         sd_range_m: 80.0,
@@ -290,7 +290,7 @@ fn a_track_that_falls_silent_before_its_closest_point_is_no_vessel_s() {
     for (heard, want) in [(80, Track::WITHDRAWN), (100, Track::WITHDRAWN), (130, Track::FINAL)] {
         let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
         let mut last = None;
-        for n in 1..=heard + SILENCE + EVERY {
+        for n in 1..=heard + 2 * SILENCE + EVERY {
             let minute = with_few_ranges(n, true);
             evidence.push(if n <= heard { minute } else { minute.without(|_| true, |_| true) });
             tracker.minute(&plan, &mut evidence, n, &mut |m| {

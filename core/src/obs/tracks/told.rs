@@ -27,7 +27,7 @@ const FASTEST_M_S: f64 = 13.0;
 /// A vessel is heard leaving as far as it was heard coming. One that falls silent before or about its closest point is none: the course is
 /// that of another pair of paths, or of the directions of several vessels, which it kept to for a while. How long after its closest
 /// point it must be heard if it is silent for as long, minutes.
-const LEAVING: u32 = 10;
+pub(super) const LEAVING: u32 = 10;
 
 /// Records that are told of a track while its vessel is heard, before it may have a last one: what is found in what was heard long ago, and
 /// not heard again, is what others left.
@@ -132,11 +132,13 @@ impl Live {
         plan: &Plan<'_>,
         seen: &Seen<'_>,
         now: u32,
+        turned: bool,
         sink: &mut dyn FnMut(Message),
     ) -> bool {
         let leaving_s = STEP_S * f64::from(self.to.saturating_sub(LEAVING));
         let silent = now > self.to + LEAVING;
-        let is_one = |track: &Track| !silent || track.cpa_time_s < leaving_s && self.sent >= FEW_SENT;
+        let left = |track: &Track| turned || track.cpa_time_s < leaving_s;
+        let is_one = |track: &Track| !silent || left(track) && self.sent >= FEW_SENT;
         let track = self.told(plan, seen, None, Track::FINAL).filter(is_one);
         match track {
             Some(track) => sink(Message::Track(track)),
