@@ -68,7 +68,7 @@ impl Scratch {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            work: [Complex32::new(0.0, 0.0); 2 * FRAME],
+            work: [Complex32::new(0.0, 0.0); 2 * FRAME + 1],
             search: SearchWork::new(),
             spectrum: estimate::SpectrumWork::new(),
         }
@@ -320,7 +320,8 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
         let out = state.current.added.dead | state.memory.sick.out();
         let power = state.current.add(plan, codes, centre.saturating_sub(start), out, &mut scratch.work);
         if let Some(config) = &plan.shaft
-            && let Some(report) = demon::frame(config, &mut state.shaft, &mut scratch.work, index, power)
+            && let Some(work) = scratch.work.first_chunk_mut()
+            && let Some(report) = demon::frame(config, &mut state.shaft, work, index, power)
         {
             state.shaft_report = Slot::Full(report);
         }

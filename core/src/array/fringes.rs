@@ -379,7 +379,7 @@ mod tests {
                 run.auto.iter_mut().for_each(|auto| auto[i] = sound as f32);
             }
         }
-        let mut work = Box::new([Complex32::new(0.0, 0.0); 2 * FRAME]);
+        let mut work = Box::new([Complex32::new(0.0, 0.0); 2 * FRAME + 1]);
         depth_m(plan, &spectra, SINE, 0.5, &mut work).map(|told| told.depth_m)
     }
 

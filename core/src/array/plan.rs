@@ -2,7 +2,7 @@
 
 use super::chain::BRIDGE;
 use super::detect;
-use super::transform::{RUN, WINDOW};
+use super::transform::{RUN, window};
 use super::wavefront::Used;
 use crate::block::CHANNELS;
 use crate::config::{ConfigError, Kind, StationConfig};
@@ -223,14 +223,14 @@ impl Plan {
 
         let bin_rad_s = (md::TAU * bin_hz) as f32;
         let (mut sum2, mut sum4) = (0.0f32, 0.0f32);
-        for w in &WINDOW {
+        for w in (0..FRAME).map(window) {
             sum2 += w * w;
             sum4 += w * w * w * w;
         }
         // Circular correlations of windowed white noise vary FRAME·Σw⁴/(Σw²)² times more than of FRAME
         // independent samples; the overlap of frames adds their tapers' share.
         let mut overlap = 0.0f32;
-        for (a, b) in WINDOW.iter().zip(WINDOW.iter().skip(HOP)) {
+        for (a, b) in (HOP..FRAME).map(|n| (window(n - HOP), window(n))) {
             overlap += a * b;
         }
         overlap /= sum2;
@@ -398,11 +398,11 @@ fn in_phase(sd_rad: f64, low: usize, high: usize) -> f32 {
 
 /// Transform of the window at bins 1 to 3 over that at bin 0; real, because the periodic window is even about FRAME/2.
 fn offset_leak() -> [f32; 3] {
-    let total: f32 = WINDOW.iter().sum();
+    let total: f32 = (0..FRAME).map(window).sum();
     let mut leak = [0.0f32; 3];
     for (k, leak) in (1..).zip(&mut leak) {
         let mut sum = 0.0;
-        for (n, w) in WINDOW.iter().enumerate() {
+        for (n, w) in (0..FRAME).map(window).enumerate() {
             sum += w * m::cos(m::TAU * (k as f32) * (n as f32) / FRAME as f32);
         }
         *leak = sum / total;
@@ -412,10 +412,10 @@ fn offset_leak() -> [f32; 3] {
 
 /// Autocorrelation of the window over its power, at multiples of [`SHARE_STRIDE`] samples.
 fn shared() -> [f32; SHARES] {
-    let power: f32 = WINDOW.iter().map(|w| w * w).sum();
+    let power: f32 = (0..FRAME).map(window).map(|w| w * w).sum();
     let mut shared = [0.0f32; SHARES];
     for (n, share) in shared.iter_mut().enumerate() {
-        let products = WINDOW.iter().zip(WINDOW.iter().skip(n * SHARE_STRIDE)).map(|(a, b)| a * b);
+        let products = (n * SHARE_STRIDE..FRAME).map(|k| window(k - n * SHARE_STRIDE) * window(k));
         *share = products.sum::<f32>() / power;
     }
     shared

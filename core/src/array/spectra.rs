@@ -5,7 +5,7 @@
 //! instructions a frame for window and transforms of all four channels, 90 a bin for separation and accumulation.
 
 use super::plan::{BINS, FRAME, Plan};
-use super::transform::{self, RUN, Work};
+use super::transform::{self, RUN, Ring, Work};
 use super::wavefront::PAIR_COUNT;
 use crate::block::CHANNELS;
 use crate::density::{self, Density};
@@ -284,6 +284,9 @@ impl Spectra {
         if self.added.frames.is_multiple_of(WATCHED_EVERY) {
             watch(if out & 0b11 == 0 { z01 } else { z23 }, plan, &mut self.watched);
         }
+        // Bin 0 of either has been taken out, and is not in the last place either.
+        work[2 * FRAME] = Complex32::new(0.0, 0.0);
+        let (Some(z01), Some(z23)) = (work.first_chunk(), work.last_chunk()) else { return 0.0 };
         let (low, upper) = (plan.envelope_low / RUN, upper(plan));
         let between = low..upper.start;
         let (power, upper) = if out & 1 == 0 {
@@ -308,14 +311,22 @@ impl Spectra {
     #[inline(never)]
     fn accumulate<const SECOND: bool>(
         &mut self,
-        z01: &[Complex32; FRAME],
-        z23: &[Complex32; FRAME],
+        z01: &Ring,
+        z23: &Ring,
         runs: core::ops::Range<usize>,
     ) -> f32 {
         let mut of_one = [0.0; RUN];
-        for (n, sums) in (runs.start..).zip(self.part_mut(&runs)) {
-            let [x0, x1] = transform::separated(z01, n);
-            let [x2, x3] = transform::separated(z23, n);
+        let (Some([own01, mirror01]), Some([own23, mirror23])) =
+            (transform::sides(z01), transform::sides(z23))
+        else {
+            return 0.0;
+        };
+        for n in runs.start..runs.end.min(RUNS) {
+            let n = n & (RUNS - 1);
+            let mirror = own01.len() - 1 - n;
+            let [x0, x1] = transform::separated(&own01[n], &mirror01[mirror]);
+            let [x2, x3] = transform::separated(&own23[n], &mirror23[mirror]);
+            let sums = &mut self.runs[n];
             let BinRun { re: [r01, r02, r03, r12, r13, r23], im: [i01, i02, i03, i12, i13, i23], auto } =
                 sums;
             let [a0, a1, a2, a3] = auto;
