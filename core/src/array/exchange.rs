@@ -150,7 +150,7 @@ impl Exchange {
         let plan = context.plan;
         // The middle of a segment lies where a step ends, but for what is left out of it.
         let step = (context.index.saturating_add(plan.step_samples.get() / 4) / plan.step_samples) as u32;
-        let scores = self.scores(plan, (peaks, search), step);
+        let scores = self.scores(context, (peaks, search), step);
         let before = scores.get(usize::from(self.pair)).copied().unwrap_or(0.0);
         // Of exchanged ones it is asked whether they are as they were, not whether others are exchanged as well.
         let asked = if self.pair > 0 { 1 } else { scores.len() };
@@ -221,10 +221,11 @@ impl Exchange {
     #[inline(never)]
     fn scores(
         &mut self,
-        plan: &Plan,
+        context: &Context<'_>,
         (peaks, search): (&[PairPeaks; PAIR_COUNT], &SearchWork),
         step: u32,
     ) -> [f32; 1 + PAIR_COUNT] {
+        let plan = context.plan;
         let all: f32 = peaks.iter().map(|p| p.peak).sum();
         let mut scores = [0.0; 1 + PAIR_COUNT];
         for known in self.known.iter_mut().filter(|k| k.found > 0) {
@@ -234,10 +235,15 @@ impl Exchange {
             if !known.lasts() {
                 continue;
             }
-            let arrivals = wavefront::arrivals(&plan.geometry, &known.expected(step), plan.curvature);
+            let at = known.expected(step);
+            let (e, half) = (wavefront::tangents(&at), half_apart(plan, &at));
+            let [low, high] = [-half, half].map(|up| {
+                wavefront::arrivals(&plan.geometry, &wavefront::stepped(&at, &e, 0.0, up), plan.curvature)
+            });
             for (score, pair) in scores.iter_mut().zip(0u8..) {
-                let delays = wavefront::pair_delays(&exchanged(arrivals, pair));
-                let heard = delays.iter().enumerate().map(|(p, tau)| search.pair_value(plan, p, *tau));
+                let [low, high] = [low, high].map(|t| wavefront::pair_delays(&exchanged(t, pair)));
+                let heard = low.iter().zip(&high).enumerate();
+                let heard = heard.map(|(p, (low, high))| search.most_between(plan, p, *low, *high));
                 *score += heard.sum::<f32>() / all;
             }
         }

@@ -40,6 +40,9 @@ const FULL: f32 = 16_000.0;
 const COARSE_BITS: u32 = 16;
 const FINE_BITS: u32 = 12;
 
+/// Most places between two delays.
+const MOST_STEPS: f32 = 64.0;
+
 /// Share of the time that sound takes between two hydrophones within which they hear it at once.
 const AT_ONCE: f32 = 0.05;
 
@@ -174,6 +177,17 @@ impl SearchWork {
         let value =
             self.lags.get(pair).map_or(0, |table| lookup(table, (delay * 2.0 * plan.rate_hz * parts) as i32));
         value as f32 * self.unit / parts
+    }
+
+    /// The pair's highest correlation from one delay to another (seconds), looked at every half sample at least.
+    #[inline(never)]
+    pub(crate) fn most_between(&self, plan: &Plan, pair: usize, from: f32, to: f32) -> f32 {
+        let steps = m::ceil(m::abs(to - from) * 2.0 * plan.rate_hz).clamp(1.0, MOST_STEPS);
+        let mut most = f32::MIN;
+        for n in 0..=steps as u32 {
+            most = most.max(self.pair_value(plan, pair, from + (to - from) * (n as f32 / steps)));
+        }
+        most
     }
 
     /// Correlations at half-sample lags: `R(n) = Re Σ_k ĝ(k) e^{+2πikn/1024}`.
@@ -406,7 +420,7 @@ mod tests {
             resolution: 0.02,
             used: wavefront::Used::ALL,
         };
-        let (mut search, mut work) = (SearchWork::new(), [Complex32::new(0.0, 0.0); 2 * FRAME]);
+        let (mut search, mut work) = (SearchWork::new(), [Complex32::new(0.0, 0.0); 2 * FRAME + 1]);
         search.correlate(&band, &whitened, &mut work);
         for (pair, lags) in search.lags.iter().enumerate() {
             for n in [-256i32, -255, -80, -1, 0, 1, 2, 77, 255] {
