@@ -22,14 +22,14 @@
 //! Where the strongest source is another one that is followed already, the course begins anew. What was wrong before anything was
 //! heard is not seen here. Cost: about 2000 instructions a segment.
 
-use super::course::{Course, Heard, hop, seconds, sway};
+use super::agreement::{DEEPEST, half_apart};
 use super::estimate::{Context, Found};
 use super::jump::{
     EITHER, ELSEWHERE, EXCHANGED, JUMPED, JUMPED_SAMPLES, Jump, LATE, NOTHING, What, difference, duals,
     length, times, unit, vector,
 };
 use super::plan::Plan;
-use super::wavefront::{self, PAIR_COUNT, Used};
+use super::wavefront::{self, Direction, PAIR_COUNT, Used};
 use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
 use crate::math::f32 as m;
@@ -37,6 +37,8 @@ use crate::math::f32 as m;
 /// Segments kept, and least of them, without the newest, that tell where the next is.
 const KEPT: usize = 8;
 const LEAST_KEPT: usize = 3;
+/// Standard deviation of how fast a vessel turns whose past does not tell it, rad/s: 7 m/s 200 m away.
+const TURNING_RAD_S: f32 = 0.035;
 /// Longest time between two segments of one track, seconds.
 const LONGEST_S: f32 = 2.5;
 /// The same after a jump, of which segments may say nothing.
@@ -51,9 +53,14 @@ const BEND: f32 = 0.1;
 /// delay by itself, seconds: how much is the vessel's and the array's, at any rate of samples.
 const FLOOR_SAMPLES: f32 = 0.05;
 const FRINGED_S: f32 = 1.9e-6;
+/// Standard deviation of what the vector goes up and down by where pairs hear a vessel and its image in the surface apart: upright pairs go from
+/// one to the other, level ones stay half-way. In units of how far each is from there.
+const HOP: f32 = 0.8;
 /// Share of it that is in the level part of the vector, away from the array, for each unit of the vessel's height: level pairs tell that, and between the two
 /// their delays differ by as much less.
 const AWAY: f32 = 0.4;
+/// Standard deviation of the speed with which a vessel comes nearer or goes away, m/s: with the depth it tells how fast its elevation changes.
+const RISING_M_S: f32 = 5.0;
 /// Standard deviation of what multipath does to a delay where the vector's length is looked at, samples, and natural logarithm of the
 /// likelihood ratio that ends a suspicion.
 const STRAIN_SAMPLES: f32 = 0.15;
@@ -84,11 +91,25 @@ pub(super) struct Scatter {
     pub(super) lasting: [f32; 2],
 }
 
+/// A track of vectors: place now, change a second, and factor of one segment's variance.
+#[derive(Clone, Copy, Debug, Default)]
+struct Course {
+    place: [f32; 3],
+    rate: [f32; 3],
+    factor: f32,
+    /// The same of a hop's variance, upwards: now, and for the squared seconds later.
+    up: (f32, f32),
+    /// How long ago its first segment was, seconds.
+    length_s: f32,
+    /// How far from it the first segment was that jumped.
+    jump: [f32; 3],
+}
+
 /// What the segments before showed. All zeros at the beginning.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Change {
     /// Newest first.
-    past: [Heard; KEPT],
+    past: [([f32; 3], u64); KEPT],
     kept: usize,
     /// What the last two bearings scatter, newest first: as in a course the last may hold the change itself, and errs by it.
     stated: [Scatter; 2],
@@ -116,7 +137,6 @@ impl Change {
                 rate: [0.0; 3],
                 factor: 0.0,
                 up: (0.0, 0.0),
-                scatter: 0.0,
                 length_s: 0.0,
                 jump: [0.0; 3],
             },
@@ -169,15 +189,8 @@ impl Change {
         if other || self.kept > 0 && lasted > longest {
             (self.kept, self.seems, self.times, self.strays) = (0, NOTHING, 0, 0);
         }
-        let fringed = plan.vessel_over_array_depth > 0.0;
-        let least_s = if fringed { FRINGED_S } else { FLOOR_SAMPLES / plan.rate_hz };
-        let floor = least_s * length(&duals[0]) / plan.inv_c;
-        let course = if self.seems == NOTHING {
-            let past = self.past.get(..self.kept).unwrap_or(&[]);
-            Course::of(past, context, self.usual().noise[0], floor)
-        } else {
-            Some(self.course.later(seconds(plan, self.since, context.index)))
-        };
+        let course =
+            if self.seems == NOTHING { self.course(context) } else { Some(self.later(plan, context.index)) };
         let usual = self.usual();
         // Where a vessel of which little was heard should be is uncertain by how fast it turns: that is as much as a late channel makes of it,
         // but less than most exchanged ones do.
@@ -187,22 +200,20 @@ impl Change {
                 let from = unit(&course.place);
                 let across = wavefront::tangents(&from).0;
                 let [c, s, _] = across;
-                let late = JUMPED_SAMPLES / (plan.rate_hz * least_s);
+                let fringed = plan.vessel_over_array_depth > 0.0;
+                let floor = if fringed { FRINGED_S } else { FLOOR_SAMPLES / plan.rate_hz };
+                let late = JUMPED_SAMPLES / (plan.rate_hz * floor);
                 let (least, most) = JUMPED;
                 let jumped = if among_others || few { most } else { (late * late).clamp(least, most) };
+                let floor = floor * length(&duals[0]) / plan.inv_c;
                 let turn =
                     BEND * wavefront::dot(&course.rate, &course.rate) * course.length_s * course.length_s;
-                // What paths may do at any time covers as much of it.
-                let nearing = if fringed { course.bend(plan) } else { 0.0 };
-                let bent = (nearing * nearing - floor * floor).max(0.0);
                 let [a, b] = [0, 1].map(|k: usize| {
                     let paths = usual.lasting[k].max(floor * floor);
-                    usual.noise[k] * (1.0 + course.factor) + paths + turn * turn + bent
+                    usual.noise[k] * (1.0 + course.factor) + paths + turn * turn
                 });
-                let hop = if fringed { hop(context, &from).max(m::sqrt(course.scatter)) } else { 0.0 };
-                let sway = sway(plan, &duals, weight, (&from, &across), hop);
-                let (a, b) = (a + sway, b + sway);
                 let widest = a.max(b);
+                let hop = hop(context, &from);
                 let hops = hop * hop * (1.0 + course.up.0);
                 let away = AWAY * from[2];
                 let exchanged = [widest, widest + hops * away * away, widest + hops];
@@ -376,12 +387,94 @@ impl Change {
         }
     }
 
+    /// The course that the segments before the last one tell, at the segment's moment.
+    #[inline(never)]
+    fn course(&self, context: &Context<'_>) -> Option<Course> {
+        let (plan, index) = (context.plan, context.index);
+        // The newest may hold a part of a jump.
+        let used = self.past.get(usize::from(self.kept > 1)..self.kept)?;
+        let (newest, _) = used.first()?;
+        let n = used.len() as f32;
+        let (mut mean, mut middle) = ([0.0f32; 3], 0.0);
+        for (v, when) in used {
+            middle -= seconds(plan, *when, index) / n;
+            for k in 0..3 {
+                mean[k] += v[k] / n;
+            }
+        }
+        let (mut square, mut slope) = (0.0, [0.0f32; 3]);
+        for (v, when) in used {
+            let t = -seconds(plan, *when, index) - middle;
+            square += t * t;
+            for k in 0..3 {
+                slope[k] += t * v[k];
+            }
+        }
+        // A few segments tell less of its turning than a vessel's usual speed does, and where pairs go from vessel to image and back, less of its rise or fall.
+        let level = square + self.usual().noise[0] / (TURNING_RAD_S * TURNING_RAD_S);
+        let from = unit(newest);
+        let known =
+            hop(context, &from) / (RISING_M_S * from[2] * from[2] / plan.depth_m).max(f32::MIN_POSITIVE);
+        let upright = (square + known * known).max(level);
+        if !(level > 0.0) {
+            return None;
+        }
+        let factor = |square: f32| 1.0 / n + middle * middle / square;
+        let mut course = Course { factor: factor(level), ..Course::default() };
+        for (k, square) in [level, level, upright].into_iter().enumerate() {
+            course.rate[k] = slope[k] / square;
+            course.place[k] = mean[k] - middle * course.rate[k];
+        }
+        course.up = (factor(upright), 1.0 / upright);
+        course.length_s = used.last().map_or(0.0, |(_, when)| seconds(plan, *when, index));
+        Some(course)
+    }
+
+    /// The course from before a jump, at sample `index`.
+    #[inline(never)]
+    fn later(&self, plan: &Plan, index: u64) -> Course {
+        let t = seconds(plan, self.since, index);
+        let mut course = self.course;
+        for (place, rate) in course.place.iter_mut().zip(&course.rate) {
+            *place += t * rate;
+        }
+        // The variance of what a line gives grows with the square of the time from its middle.
+        let grown = 1.0 + t / (0.5 * course.length_s).max(0.1);
+        course.factor *= grown * grown;
+        let (now, rate) = course.up;
+        let sum = m::sqrt(now) + t * m::sqrt(rate);
+        course.up.0 = sum * sum;
+        course.length_s += t;
+        course
+    }
+
     #[inline(never)]
     fn keep(&mut self, own: &[f32; 3], index: u64) {
         self.past.rotate_right(1);
         self.past[0] = (*own, index);
         self.kept = (self.kept + 1).min(KEPT);
     }
+}
+
+/// Standard deviation of what pairs move the direction up or down by as they go from a vessel to its image and back, radians: where the two are
+/// nearer to each other than the array resolves, they join (a power that fits passes 200 m to 1 km away, with depths known and not).
+#[inline(never)]
+fn hop(context: &Context<'_>, from: &Direction) -> f32 {
+    let plan = context.plan;
+    let most = half_apart(plan, from);
+    let half = context.depth.map_or(most, |(depth_m, sd_m)| {
+        let deepest = DEEPEST * plan.vessel_over_array_depth * plan.depth_m;
+        most * ((depth_m + 2.0 * sd_m) / deepest.max(f32::MIN_POSITIVE)).min(1.0)
+    });
+    let resolved = half / plan.whole.resolution;
+    let square = resolved * resolved;
+    let fourth = square * square;
+    HOP * half * (fourth * fourth).min(1.0)
+}
+
+#[inline(never)]
+fn seconds(plan: &Plan, from: u64, to: u64) -> f32 {
+    to.saturating_sub(from) as f32 / plan.rate_hz
 }
 
 #[cfg(test)]
