@@ -468,8 +468,9 @@ impl State {
         let pairs_in_doubt =
             no_pressure || !plan.paper && (plan.lasting.parts_pairs() || self.checks.table_is_off());
         self.tracker.pairs_in_doubt = pairs_in_doubt;
-        // Of a deaf component's noise, and of components exchanged, directions are made all the same.
-        let mute = exchanged || self.checks.deaf();
+        // Of a deaf component's noise, of components exchanged, and of noise that hides one, directions are made all the same.
+        let hidden = !plan.paper && self.checks.own_noise.hides_directions();
+        let mute = exchanged || hidden || self.checks.deaf();
         let call = if mute { None } else { call };
         if mute {
             directions.withhold();

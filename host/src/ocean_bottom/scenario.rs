@@ -459,6 +459,14 @@ impl ObsScenario {
         within("duration_s", self.duration_s, 1.0, 3.2e7)?;
         within("paths", self.paths as f64, 1.0, 7.0)?;
         within("ambient.pressure_counts", self.ambient.pressure_counts, 1e-3, 1e6)?;
+        for (i, d) in self.ambient.directional.iter().enumerate() {
+            within(&format!("ambient.directional.{i}.azimuth_deg"), d.azimuth_deg, -360.0, 360.0)?;
+            within(&format!("ambient.directional.{i}.level_db"), d.level_db, -200.0, 60.0)?;
+        }
+        for (i, s) in self.ambient.shaking.iter().enumerate() {
+            within(&format!("ambient.shaking.{i}.axis_deg"), s.axis_deg, -360.0, 360.0)?;
+            within(&format!("ambient.shaking.{i}.level_db"), s.level_db, -200.0, 60.0)?;
+        }
         for (i, v) in self.vessels.iter().enumerate() {
             v.straight.check(&format!("vessels.{i}"), 0.1)?;
             let [from_s, to_s] = v.active_s;
