@@ -110,7 +110,7 @@ pub struct Call {
 }
 
 impl Call {
-    /// Gives what its bins tell its true azimuth, where north was weighed.
+    /// Gives what its bins tell its true azimuth, where noise along an axis was weighed.
     pub(super) fn turn_back(&mut self, evened: &Evened) {
         let of_bins = self.azimuth == self.leaning;
         (self.leaning, _) = evened.told(self.leaning);

@@ -92,7 +92,7 @@ impl Directions {
         self.log_below = f32::NEG_INFINITY;
     }
 
-    /// Gives the modes their true azimuths, where north was weighed.
+    /// Gives the modes their true azimuths, where noise along an axis was weighed.
     pub(super) fn turn_back(&mut self, evened: &Evened) {
         for m in self.modes.iter_mut().flatten() {
             let (azimuth, slope) = evened.told(m.azimuth);
