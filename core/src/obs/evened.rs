@@ -43,16 +43,10 @@ impl OwnNoise {
 
     /// Takes a minute without a vessel.
     pub(super) fn take(&mut self, m: &Moments) {
-        let [pressure, north, east, _] = m.power;
-        let [_, of_north, of_east, _] = m.with_pressure;
-        let alone = |product: f32, one: f32, other: f32| product - one * other / pressure;
-        let (north, east) = (alone(north, of_north, of_north), alone(east, of_east, of_east));
-        if !(pressure > 0.0 && north > 0.0 && east > 0.0) {
-            return;
-        }
+        let Some([north, east, together]) = m.own_of_horizontals() else { return };
         self.minutes = self.minutes.saturating_add(1).min(MEMORY);
         let share = 1.0 / f32::from(self.minutes + BEFORE);
-        let now = [north - east, 2.0 * alone(m.north_east, of_north, of_east)].map(|x| x / (north + east));
+        let now = [north - east, 2.0 * together].map(|x| x / (north + east));
         for (x, now) in self.tensor.iter_mut().zip(now) {
             *x += share * (now - *x);
         }

@@ -77,14 +77,8 @@ impl Gains {
 
     /// Takes a minute without a vessel.
     pub(super) fn noise(&mut self, m: &Moments) {
-        let [pressure, north, east, _] = m.power;
-        let [_, of_north, of_east, _] = m.with_pressure;
-        let alone = |power: f32, product: f32| power - product * product / pressure.max(f32::MIN_POSITIVE);
-        let (north, east) = (alone(north, of_north), alone(east, of_east));
-        if !(north > 0.0 && east > 0.0 && pressure > 0.0) {
-            return;
-        }
-        let together = m.north_east - of_north * of_east / pressure;
+        let Some([north, east, together]) = m.own_of_horizontals() else { return };
+        let [pressure, ..] = m.power;
         if math::f32::abs(together) > TOGETHER * math::f32::sqrt(north * east) {
             return;
         }

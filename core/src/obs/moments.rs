@@ -60,6 +60,16 @@ impl Moments {
         instants: 0,
     };
 
+    /// Powers of what of north and east is not coherent with pressure, and its product; none where there is nothing of one of them.
+    pub(super) fn own_of_horizontals(&self) -> Option<[f32; 3]> {
+        let [pressure, north, east, _] = self.power;
+        let [_, of_north, of_east, _] = self.with_pressure;
+        let alone = |product: f32, one: f32, other: f32| product - one * other / pressure;
+        let (north, east) = (alone(north, of_north, of_north), alone(east, of_east, of_east));
+        let some = pressure > 0.0 && north > 0.0 && east > 0.0;
+        some.then(|| [north, east, alone(self.north_east, of_north, of_east)])
+    }
+
     /// Adds those of other instants.
     pub(super) fn add(&mut self, other: &Self) {
         let sum = |a: &mut [f32], b: &[f32]| a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
