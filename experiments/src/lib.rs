@@ -49,6 +49,7 @@ mod obs_core_clutter;
 mod obs_doubts;
 mod obs_far;
 mod obs_four_ships;
+mod obs_gains;
 mod obs_loud;
 mod obs_model;
 mod obs_month;
@@ -190,6 +191,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_bad_samples::BAD_SAMPLES,
     obs_loud::LOUD,
     obs_noisy::NOISY,
+    obs_gains::GAINS,
     obs_speeds::SPEEDS,
     obs_real::REAL,
     obs_pulse::PULSE,

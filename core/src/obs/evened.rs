@@ -1,6 +1,6 @@
 //! Horizontal components of equal noise: what they have of their own along one axis is weighed down to what they have across it.
 //!
-//! Enters: moments of minutes without a vessel. Leaves: the matrix that weighs intensities before they are coded as directions, and the true
+//! Enters: moments of minutes without a vessel, and of those whose vessel is hardly heard. Leaves: the matrix that weighs intensities before they are coded as directions, and the true
 //! azimuth of what is found in these.
 //!
 //! Where one component is noisier than the other, or the place shakes one way, a bin's directions are no longer spread evenly about the
@@ -24,28 +24,28 @@ const MOST_DB: f32 = 14.0;
 const UNSURE: f32 = 0.4;
 
 /// Minutes that the tensor is of in the long run, and those that it counts as nothing for from the first: that of one minute is chance.
-const MEMORY: u16 = 240;
-const BEFORE: u16 = 2;
+const MEMORY: f32 = 240.0;
+const BEFORE: f32 = 2.0;
 
 /// The anisotropy of the noise of the horizontal components, learned.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OwnNoise {
     /// Power of north less that of east, and twice their product, over the sum of the powers.
     tensor: [f32; 2],
-    minutes: u16,
+    minutes: f32,
 }
 
 impl OwnNoise {
     /// Nothing known; all zeros.
     pub(super) const fn new() -> Self {
-        Self { tensor: [0.0; 2], minutes: 0 }
+        Self { tensor: [0.0; 2], minutes: 0.0 }
     }
 
-    /// Takes a minute without a vessel.
-    pub(super) fn take(&mut self, m: &Moments) {
+    /// Takes a minute without a vessel, or one whose vessel is hardly heard, which counts for less.
+    pub(super) fn take(&mut self, m: &Moments, weight: f32) {
         let Some([north, east, together]) = m.own_of_horizontals() else { return };
-        self.minutes = self.minutes.saturating_add(1).min(MEMORY);
-        let share = 1.0 / f32::from(self.minutes + BEFORE);
+        self.minutes = (self.minutes + weight).min(MEMORY);
+        let share = weight / (self.minutes + BEFORE);
         let now = [north - east, 2.0 * together].map(|x| x / (north + east));
         for (x, now) in self.tensor.iter_mut().zip(now) {
             *x += share * (now - *x);
@@ -85,17 +85,24 @@ pub(super) struct Evened {
     factor: f32,
     /// True azimuth of the north component, or the opposite one, rad.
     north: f32,
+    /// North's gain over east's, as an amplitude.
+    gain: f32,
 }
 
 impl Evened {
     /// As they are.
-    pub(super) const NONE: Self = Self { matrix: [1.0, 0.0, 1.0], factor: 1.0, north: 0.0 };
+    pub(super) const NONE: Self = Self { matrix: [1.0, 0.0, 1.0], factor: 1.0, north: 0.0, gain: 1.0 };
+
+    /// Of components that are of so different a gain, north over east in dB: what is found is told as it would be without that.
+    pub(super) fn of_gain(self, db: f32) -> Self {
+        Self { gain: math::f32::exp(db * (core::f32::consts::LN_10 / 20.0)), ..self }
+    }
 
     /// By a factor along an axis, rad from north to east.
     fn along(axis: f32, factor: f32, north: f32) -> Self {
         let (s, c) = math::f32::sin_cos(axis);
         let less = 1.0 - factor;
-        Self { matrix: [1.0 - less * c * c, -less * c * s, 1.0 - less * s * s], factor, north }
+        Self { matrix: [1.0 - less * c * c, -less * c * s, 1.0 - less * s * s], factor, north, gain: 1.0 }
     }
 
     /// By how much the variance of what is told is larger than that of directions spread evenly, for what the weighing leaves.
@@ -105,15 +112,15 @@ impl Evened {
 
     /// The true azimuth of what was found in a direction, rad, and by how much more that turns than it.
     pub(super) fn told(&self, found: f32) -> (f32, f32) {
-        if self.factor == 1.0 {
+        if self.factor == 1.0 && self.gain == 1.0 {
             return (found, 1.0);
         }
         let (s, c) = math::f32::sin_cos(found - self.north);
         let [nn, ne, ee] = self.matrix;
-        // The inverse times the determinant.
-        let (n, e) = (ee * c - ne * s, nn * s - ne * c);
+        // The inverse times the determinant, and what north heard with its gain taken out.
+        let (n, e) = ((ee * c - ne * s) / self.gain, nn * s - ne * c);
         let azimuth = crate::angle::wrap_tau_f32(self.north + math::f32::atan2(e, n));
-        (azimuth, self.factor / (n * n + e * e))
+        (azimuth, self.factor / (self.gain * (n * n + e * e)))
     }
 }
 
@@ -135,7 +142,7 @@ mod tests {
 
     fn learned(m: &Moments) -> OwnNoise {
         let mut own = OwnNoise::new();
-        (0..2000).for_each(|_| own.take(m));
+        (0..2000).for_each(|_| own.take(m, 1.0));
         own
     }
 
@@ -190,7 +197,7 @@ mod tests {
         assert_eq!(learned(&sound).evened(0.0).matrix, [1.0, 0.0, 1.0]);
         // Nothing learned, and nothing to learn from.
         let mut own = OwnNoise::new();
-        own.take(&Moments::NONE);
+        own.take(&Moments::NONE, 1.0);
         assert_eq!(own.evened(0.0).matrix, [1.0, 0.0, 1.0]);
     }
 }

@@ -88,6 +88,11 @@ impl Lasting {
         }
     }
 
+    /// The same where north's gain over east's is uncertain by so much more, dB.
+    pub(super) fn with_gain_doubt(self, sd_db: f32) -> Self {
+        Self { gain: math::f64::hypot(self.gain, f64::from(sd_db) * LN_DB), ..self }
+    }
+
     /// Variance of a direction, rad².
     pub fn of_direction(&self, azimuth: f64) -> f64 {
         self.orientation * self.orientation + self.of_gain(azimuth)
@@ -161,12 +166,11 @@ impl Lasting {
         gain.then_some(Told::Gain).into_iter().chain(depth.then_some(Told::Depth))
     }
 
-    /// A minute as it would be with one such error by one deviation more; the same without any.
-    pub(super) fn shifted(&self, error: Option<Told>, m: Minute) -> Minute {
+    /// A minute as it would be with one such error by one deviation more.
+    pub(super) fn shifted(&self, error: Told, m: Minute) -> Minute {
         match error {
-            None => m,
-            Some(Told::Gain) => m.shifted(|d| self.gain * self.by_gain(d.azimuth), |_| (0.0, 0.0)),
-            Some(Told::Depth) => m.shifted(
+            Told::Gain => m.shifted(|d| self.gain * self.by_gain(d.azimuth), |_| (0.0, 0.0)),
+            Told::Depth => m.shifted(
                 |_| 0.0,
                 |d| {
                     let [_, range, speed] = self.by_depth(d.range_m, d.speed_m_s);

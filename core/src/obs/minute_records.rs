@@ -4,7 +4,7 @@
 //! messages with deviations widened by errors that last; one of each that says so where nothing was detected.
 
 use super::impulsive::Call;
-use super::lasting::widened;
+use super::lasting::{Lasting, widened};
 use super::plan::Plan;
 use super::presence::{RangeMode, RangePresence};
 use super::tonal::{Directions, Mode};
@@ -41,6 +41,7 @@ pub(super) fn clear_speed_m_s(ranges: &RangePresence) -> Option<f32> {
 /// detected.
 pub(super) fn send(
     plan: &Plan<'_>,
+    lasting: &Lasting,
     index: u64,
     directions: &Directions,
     call: Option<Call>,
@@ -50,7 +51,7 @@ pub(super) fn send(
     sink: &mut dyn FnMut(Message),
 ) -> u32 {
     let paper = plan.paper;
-    let with_lasting = |azimuth: f32, sd: f32| widened(sd, plan.lasting.of_direction(f64::from(azimuth)));
+    let with_lasting = |azimuth: f32, sd: f32| widened(sd, lasting.of_direction(f64::from(azimuth)));
     let is_told =
         |m: &Mode| if paper { m.log_presence > 0.0 } else { m.log_presence > CLEAR_LOG && m.sd < CLEAR_SD };
     let tonal = || directions.modes.iter().flatten().filter(|m| !m.impulsive);
@@ -93,7 +94,7 @@ pub(super) fn send(
     let worth = |k: usize, m: &RangeMode| m.detected && (k == 0 || m.weight >= LEAST_WEIGHT);
     for (_, m) in ranges.modes.iter().flatten().enumerate().filter(|(k, m)| worth(*k, m)).take(modes) {
         ranges_sent += 1;
-        let (of_range, of_speed) = plan.lasting.of_range(f64::from(m.range_m), f64::from(m.speed_m_s));
+        let (of_range, of_speed) = lasting.of_range(f64::from(m.range_m), f64::from(m.speed_m_s));
         sink(Message::Range(Range {
             index,
             range_m: m.range_m,
@@ -134,7 +135,7 @@ mod tests {
     /// What is told as detected of directions and ranges.
     fn detected(directions: &Directions, ranges: &RangePresence) -> Vec<bool> {
         let (plan, mut out) = (Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY }), Vec::new());
-        send(&plan, 0, directions, None, ranges, false, 2, &mut |m| match m {
+        send(&plan, &plan.lasting, 0, directions, None, ranges, false, 2, &mut |m| match m {
             Message::Azimuth(a) => out.push(a.detected),
             Message::Range(r) => out.push(r.detected),
             _ => {}

@@ -415,7 +415,13 @@ impl State {
             if plan.paper { None } else { impulsive::search(plan.band.bins, plan.band.turn, rows) };
         let mut directions = plan.tones.search(plan.band.bins, &self.ambient, scratch.shared.tonal(), rows);
         self.steady.widen(&mut directions);
-        let evened = self.evened(plan);
+        let gain = self.checks.gain();
+        let (evened, lasting) = if plan.paper {
+            (Evened::NONE, plan.lasting)
+        } else {
+            (self.evened(plan).of_gain(gain.db), plan.lasting.with_gain_doubt(gain.sd_db))
+        };
+        self.tracker.gain_sd_db = if plan.paper { 0.0 } else { gain.sd_db };
         if let Some(call) = &mut call {
             directions.attribute(call.leaning, plan.band.bins);
             call.turn_back(&evened);
@@ -481,12 +487,22 @@ impl State {
                 ranges.without_odd_speeds(&expected);
             }
             ranges.without_echoes(&plan.interference, &expected);
-            let (towards, apart) = plan.lasting.as_evidence(directions, ranges);
+            let (towards, apart) = lasting.as_evidence(directions, ranges);
             let minute = Minute::new(k as u32, &towards, &apart);
             ranges.prefer(&plan.interference, &expected);
             let allowance = &mut self.tracker.allowance;
             let modes = if allowance.has_room_for_more() { 2 } else { 1 };
-            allowance.minute(send(plan, index, &directions, call, &ranges, pairs_in_doubt, modes, sink));
+            allowance.minute(send(
+                plan,
+                &lasting,
+                index,
+                &directions,
+                call,
+                &ranges,
+                pairs_in_doubt,
+                modes,
+                sink,
+            ));
             self.evidence.push(minute);
             let index_of = |k: u32| centre(plan, u64::from(k));
             self.segmenter.minute(k as u32, &directions, &ranges, index_of, sink);

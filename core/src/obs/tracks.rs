@@ -11,7 +11,7 @@ use super::course::{Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
 use super::gone::Gone;
-use super::lasting::Told;
+use super::lasting::{Lasting, Told};
 use super::limits::{MAX_SPEED_M_S, VESSELS};
 use super::plan::{Plan, STEP_S};
 use super::presence::{Expected, ExpectedVessels};
@@ -100,6 +100,8 @@ pub struct Tracker {
     next_id: u16,
     /// Whether echoes may be read as another pair of paths than theirs.
     pub(super) pairs_in_doubt: bool,
+    /// Standard deviation of north's gain over east's that is not told but found, dB.
+    pub(super) gain_sd_db: f32,
     /// What the line has room for.
     pub(super) allowance: Allowance,
 }
@@ -112,6 +114,7 @@ impl Tracker {
             gone: Gone::new(),
             next_id: 0,
             pairs_in_doubt: false,
+            gain_sd_db: 0.0,
             allowance: Allowance::new(),
         }
     }
@@ -127,7 +130,7 @@ impl Tracker {
         if !now.is_multiple_of(EVERY) {
             return;
         }
-        let in_doubt = self.pairs_in_doubt;
+        let (in_doubt, lasting) = (self.pairs_in_doubt, plan.lasting.with_gain_doubt(self.gain_sd_db));
         self.improve(plan, evidence, now, sink);
         let tracks = self.live.iter().flatten().count();
         for k in 0..LIVE {
@@ -136,7 +139,7 @@ impl Tracker {
             let Some(live) = slot else { continue };
             let wait = if turned { SILENCE } else { live.waits() };
             if now > live.to + wait {
-                let seen = Seen { evidence, others, gone: &self.gone, in_doubt };
+                let seen = Seen { evidence, others, gone: &self.gone, in_doubt, lasting: &lasting };
                 let told = live.end(plan, &seen, now, turned, sink);
                 let (course, echoes) = (live.course, live.shows_itself());
                 evidence.forget(|m| without(plan, &course, echoes, told, m));
@@ -146,7 +149,7 @@ impl Tracker {
                 }
                 *slot = None;
             } else {
-                let seen = Seen { evidence, others, gone: &self.gone, in_doubt };
+                let seen = Seen { evidence, others, gone: &self.gone, in_doubt, lasting: &lasting };
                 let now_seen = live.now(plan, &seen);
                 (live.now, _) = now_seen;
                 if now < live.to + EVERY + 2 {
@@ -169,7 +172,7 @@ impl Tracker {
                 found.id = self.next_id;
                 if let Some(slot) = self.live.iter_mut().find(|s| s.is_none()) {
                     self.next_id = self.next_id.wrapping_add(1);
-                    let seen = Seen { evidence, others, gone: &self.gone, in_doubt };
+                    let seen = Seen { evidence, others, gone: &self.gone, in_doubt, lasting: &lasting };
                     found.run(plan, &seen, None, &mut self.allowance, true, sink);
                     *slot = Some(found);
                 }
@@ -196,11 +199,17 @@ impl Tracker {
     /// Closes every track.
     pub fn finish(&mut self, plan: &Plan<'_>, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
         self.improve(plan, evidence, now, sink);
-        let in_doubt = self.pairs_in_doubt;
+        let (in_doubt, lasting) = (self.pairs_in_doubt, plan.lasting.with_gain_doubt(self.gain_sd_db));
         for k in 0..LIVE {
             let (others, turned) = (self.others(k), self.turned(k));
             if let Some(live) = self.live.get(k).and_then(Option::as_ref) {
-                live.end(plan, &Seen { evidence, others, gone: &self.gone, in_doubt }, now, turned, sink);
+                live.end(
+                    plan,
+                    &Seen { evidence, others, gone: &self.gone, in_doubt, lasting: &lasting },
+                    now,
+                    turned,
+                    sink,
+                );
             }
         }
         self.live = [None; LIVE];
@@ -304,11 +313,16 @@ fn unexplained<'a>(
     plan: &'a Plan<'_>,
     evidence: &'a Evidence,
     others: &'a Others,
-    error: Option<Told>,
+    error: Option<(&'a Lasting, Told)>,
     from: u32,
     to: u32,
 ) -> impl Iterator<Item = Minute> + Clone + 'a {
-    evidence.between(from, to).map(move |m| plan.lasting.shifted(error, without_all(plan, others, m)))
+    evidence.between(from, to).map(move |m| shifted(error, without_all(plan, others, m)))
+}
+
+/// A minute as it would be with one of the errors told by one deviation more; the same without any.
+fn shifted(error: Option<(&Lasting, Told)>, m: Minute) -> Minute {
+    error.map_or(m, |(lasting, error)| lasting.shifted(error, m))
 }
 
 /// A minute without what any of these vessels explains. Wanted in many places, and large.

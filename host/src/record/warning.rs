@@ -44,7 +44,7 @@ impl Warning {
                 )
             }
             FaultCode::Unequal => format!(
-                "the gain of north is {:.1} dB over that of east: look at `sensitivity` of both, and at the sensor's levelling",
+                "the gain of north is {:.1} dB over that of east: look at `sensitivity` of both, and at the sensor's levelling; directions are told with that put right",
                 value as f64 / 10.0
             ),
             FaultCode::TableOff => format!(

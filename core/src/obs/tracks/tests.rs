@@ -245,6 +245,7 @@ fn a_vessel_that_may_be_half_or_twice_as_far_says_so() {
             others: Others { courses: [None; LIVE], echoes: [false; LIVE] },
             gone: &Gone::new(),
             in_doubt: false,
+            lasting: &plan.lasting,
         };
         live.told(&plan, &seen, None, Track::FINAL).unwrap().sd_cpa_range_m
     };

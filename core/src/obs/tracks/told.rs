@@ -8,10 +8,10 @@ use super::super::bend;
 use super::super::course::{Closest, Course, CourseCovariance};
 use super::super::evidence::Evidence;
 use super::super::gone::Gone;
-use super::super::lasting::{self, Pairs, Told};
+use super::super::lasting::{self, Lasting, Pairs, Told};
 use super::super::leaning::leaning;
 use super::super::plan::{Plan, STEP_S};
-use super::{ESTABLISHED, Live, Others, SPAN, unexplained, without_all};
+use super::{ESTABLISHED, Live, Others, SPAN, shifted, unexplained, without_all};
 use crate::angle::wrap_tau;
 use crate::math;
 use crate::wire::{Message, Track};
@@ -48,6 +48,8 @@ pub(super) struct Seen<'a> {
     pub(super) gone: &'a Gone,
     /// As in [`super::Tracker`]'s `pairs_in_doubt`.
     pub(super) in_doubt: bool,
+    /// What is not known of the station itself.
+    pub(super) lasting: &'a Lasting,
 }
 
 impl Live {
@@ -83,7 +85,8 @@ impl Live {
         error: Option<Told>,
     ) -> Option<(Course, CourseCovariance)> {
         let travel = &plan.travel;
-        let left = |m| plan.lasting.shifted(error, without_all(plan, &seen.others, m));
+        let error = error.map(|error| (seen.lasting, error));
+        let left = |m| shifted(error, without_all(plan, &seen.others, m));
         let (before, after) = (
             seen.evidence.between(self.from, self.to).map(left),
             seen.evidence.between_back(self.from, self.to).map(left),
@@ -99,6 +102,7 @@ impl Live {
         seen: &Seen<'_>,
         error: Option<Told>,
     ) -> Option<(Course, CourseCovariance)> {
+        let error = error.map(|error| (seen.lasting, error));
         let minutes = unexplained(plan, seen.evidence, &seen.others, error, self.from, self.to);
         bend::present(&self.course, &plan.travel, STEP_S, minutes)
     }
@@ -177,8 +181,8 @@ impl Live {
         let leaning = leaning(&now.0, beside);
         lasting::turn(&mut now, leaning);
         let mut bent = self.bent(plan, seen, None).unwrap_or(straight);
-        plan.lasting.widen(&mut now, |error| self.present(plan, seen, Some(error)).map(|(course, _)| course));
-        plan.lasting.widen(&mut bent, |error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
+        seen.lasting.widen(&mut now, |error| self.present(plan, seen, Some(error)).map(|(course, _)| course));
+        seen.lasting.widen(&mut bent, |error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
         let track = self.as_sent(plan, stage, &now, &bent);
         let known = track.sd_cpa_range_m < LEAST_KNOWN_M;
         let Some(pairs) = self.other_pairs(plan, seen, stage).filter(|_| known) else {
