@@ -27,9 +27,14 @@
 //! 5 to 25 Hz, with the vessel 20 km away. `tone_db` is the height of each line above the ambient noise in one bin of a
 //! 1024-point Hann spectrum (0.073 Hz of noise bandwidth), again at 20 km.
 
+mod ambient;
+mod faults;
+
 pub use crate::scenario::{Affected, Gap, Side, Straight};
 use crate::scenario::{ScenarioFile, ScenarioKind, StationFile, Wrong, check_gaps, utc, within};
+pub use ambient::{AmbientTable, DirectionalTable, ShakingTable};
 use anyhow::{Result, anyhow, bail};
+pub use faults::{Channel, Clip, ClockStep, ObsFault, Spikes};
 use seabearing_core::config;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -107,48 +112,6 @@ pub struct ObsScenario {
     /// What goes wrong in the recorder.
     #[serde(default)]
     pub faults: Vec<ObsFault>,
-}
-
-/// Ambient noise.
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct AmbientTable {
-    /// Root-mean-square pressure of the isotropic part, counts.
-    pub pressure_counts: f64,
-    /// Horizontal velocities against pressure, dB.
-    pub horizontal_db: f64,
-    /// Vertical velocity against pressure, dB.
-    pub vertical_db: f64,
-    /// How much louder 0.2 Hz is than 1 Hz and above, dB.
-    pub microseism_db: f64,
-    /// Directional parts.
-    pub directional: Vec<DirectionalTable>,
-    /// Noise of the horizontal velocities along an axis.
-    pub shaking: Vec<ShakingTable>,
-}
-
-/// Noise of the horizontal velocities along one axis, which pressure does not have: a place or an instrument that shakes one way, or, with
-/// the orientation of a component as its axis, a component that is noisier than the other.
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ShakingTable {
-    /// True azimuth of the axis, degrees.
-    pub axis_deg: f64,
-    /// Level against the isotropic pressure, dB.
-    pub level_db: f64,
-}
-
-/// Ambient noise from one direction.
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DirectionalTable {
-    /// Where it comes from, degrees.
-    pub azimuth_deg: f64,
-    /// Level against the isotropic pressure, dB.
-    pub level_db: f64,
 }
 
 /// What a vessel radiates.
@@ -264,68 +227,6 @@ pub struct Strumming {
     pub pressure_db: f64,
 }
 
-/// What goes wrong in the recorder.
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(rename_all = "snake_case", tag = "kind")]
-pub enum ObsFault {
-    /// A channel that does not move.
-    Dead(Affected),
-    /// A channel at full scale.
-    Saturated(Affected),
-    /// A channel without a file.
-    Missing(Channel),
-    /// A step of the clock.
-    ClockStep(ClockStep),
-    /// Samples far off, on all channels at once.
-    Spikes(Spikes),
-    /// A converter, or an amplifier before it, that clips every channel.
-    Clipped(Clip),
-}
-
-/// Samples far off, on all channels at once.
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Spikes {
-    /// From one to the next, s.
-    pub every_s: f64,
-    /// What each adds, counts.
-    pub counts: f64,
-    /// How many samples each lasts.
-    #[serde(default = "one")]
-    pub samples: u64,
-}
-
-/// A limit of every channel below full scale.
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Clip {
-    /// Greatest magnitude of a code.
-    pub counts: f64,
-}
-
-/// A channel, all along.
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Channel {
-    /// 0 pressure, 1 north, 2 east, 3 vertical.
-    pub channel: usize,
-}
-
-/// A step of the clock.
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ClockStep {
-    /// When, seconds.
-    pub at_s: f64,
-    /// By how much it is ahead afterwards, seconds.
-    pub by_s: f64,
-}
-
 /// What a station file states, and no scenario that names one.
 const OF_THE_STATION: [&str; 6] =
     ["propagation", "rate_hz", "name", "lat_lon_deg", "orientation_of_north_deg", "intensity"];
@@ -354,19 +255,6 @@ fn always() -> [f64; 2] {
 }
 fn default_coupling() -> f64 {
     -30.0
-}
-
-impl Default for AmbientTable {
-    fn default() -> Self {
-        Self {
-            pressure_counts: 1000.0,
-            horizontal_db: 0.0,
-            vertical_db: 0.0,
-            microseism_db: 15.0,
-            directional: Vec::new(),
-            shaking: Vec::new(),
-        }
-    }
 }
 
 impl Default for Radiation {
@@ -458,15 +346,7 @@ impl ObsScenario {
         within("rate_hz", self.rate_hz, 50.0, 50.0)?;
         within("duration_s", self.duration_s, 1.0, 3.2e7)?;
         within("paths", self.paths as f64, 1.0, 7.0)?;
-        within("ambient.pressure_counts", self.ambient.pressure_counts, 1e-3, 1e6)?;
-        for (i, d) in self.ambient.directional.iter().enumerate() {
-            within(&format!("ambient.directional.{i}.azimuth_deg"), d.azimuth_deg, -360.0, 360.0)?;
-            within(&format!("ambient.directional.{i}.level_db"), d.level_db, -200.0, 60.0)?;
-        }
-        for (i, s) in self.ambient.shaking.iter().enumerate() {
-            within(&format!("ambient.shaking.{i}.axis_deg"), s.axis_deg, -360.0, 360.0)?;
-            within(&format!("ambient.shaking.{i}.level_db"), s.level_db, -200.0, 60.0)?;
-        }
+        self.ambient.wrong()?;
         for (i, v) in self.vessels.iter().enumerate() {
             v.straight.check(&format!("vessels.{i}"), 0.1)?;
             let [from_s, to_s] = v.active_s;
@@ -512,23 +392,7 @@ impl ObsScenario {
                 );
             }
         }
-        for (i, f) in self.faults.iter().enumerate() {
-            if let ObsFault::Dead(Affected { channel, .. })
-            | ObsFault::Saturated(Affected { channel, .. })
-            | ObsFault::Missing(Channel { channel }) = *f
-            {
-                within(&format!("faults.{i}.channel"), channel as f64, 0.0, 3.0)?;
-            }
-            match *f {
-                ObsFault::Spikes(s) => {
-                    within(&format!("faults.{i}.every_s"), s.every_s, 0.1, 1e7)?;
-                    within(&format!("faults.{i}.counts"), s.counts, -8.4e6, 8.4e6)?;
-                    within(&format!("faults.{i}.samples"), s.samples as f64, 1.0, 1e6)?;
-                }
-                ObsFault::Clipped(c) => within(&format!("faults.{i}.counts"), c.counts, 1.0, 8.4e6)?,
-                _ => {}
-            }
-        }
+        faults::wrong(&self.faults)?;
         if !self.ais.is_empty() && self.lat_lon_deg.is_none() {
             return wrong("lat_lon_deg", "`lat_lon_deg` is needed to place AIS vessels".to_owned());
         }
@@ -581,7 +445,7 @@ mod tests {
         assert_eq!((s.name.as_str(), s.rate_hz, s.orientation_of_north_deg), ("DEEPO", 50.0, 30.0));
         assert_eq!((s.intensity.as_str(), s.lat_lon_deg), ("towards", Some([1.0, 2.0])));
         assert_eq!((s.propagation.clone(), s.codes()[0].as_str()), (dir.path().join("t.toml"), "EDH"));
-        let written = super::super::station::text(&s, "table.toml", false);
+        let written = crate::ocean_bottom::station::text(&s, "table.toml", false);
         assert_eq!(written, station.replace("t.toml", "table.toml"));
         let e = read(&format!("rate_hz = 50.0\n{text}")).unwrap_err().to_string();
         assert!(e.contains("line 1, ") && e.contains("`rate_hz` stands in the station file"), "{e}");
