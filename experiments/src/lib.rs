@@ -63,6 +63,7 @@ mod obs_pulse;
 mod obs_real;
 mod obs_speeds;
 mod obs_table1;
+mod obs_turns;
 mod obs_two_ships;
 mod obs_week;
 mod obs_whales;
@@ -193,6 +194,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_noisy::NOISY,
     obs_gains::GAINS,
     obs_speeds::SPEEDS,
+    obs_turns::TURNS,
     obs_real::REAL,
     obs_pulse::PULSE,
     obs_whales::WHALES,
