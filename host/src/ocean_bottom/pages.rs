@@ -177,8 +177,8 @@ fn figures(told: &Told<'_>, evidence: &Evidence<'_>, span_s: (f64, f64)) -> Vec<
     } else {
         let ships: Vec<Ship> =
             shown.iter().take(MOST_ROWS).filter_map(|k| told.ships.get(*k)).cloned().collect();
-        let colours = shown.iter().filter_map(|k| told.found.passages.get(*k)).map(|p| p.colour()).collect();
-        table.table(told::rows(&ships, &times), colours);
+        let looks = shown.iter().filter_map(|k| told.found.passages.get(*k)).map(|p| p.look()).collect();
+        table.table(told::rows(&ships, &times), looks);
         let rest = match shown.len().saturating_sub(MOST_ROWS) {
             0 => String::new(),
             n => format!(" {n} more in ships.txt."),
@@ -278,8 +278,8 @@ fn detections(
     }
     for k in shown {
         let Some(passage) = told.found.passages.get(*k) else { continue };
-        azimuth.points("", &of(Some(*k))).coloured(passage.colour()).sized(1.2);
-        range.points("", ranges.get(*k).map_or(&[], Vec::as_slice)).coloured(passage.colour()).sized(1.2);
+        azimuth.points("", &of(Some(*k))).coloured(passage.look()).sized(1.2);
+        range.points("", ranges.get(*k).map_or(&[], Vec::as_slice)).coloured(passage.look()).sized(1.2);
     }
 }
 
@@ -304,9 +304,9 @@ fn tracks(
                 continue;
             }
             let line: Vec<(f64, f64)> = curve.iter().map(|d| (d.at, d.value)).collect();
-            figure.band("", &band(&curve, circle)).coloured(passage.colour());
+            figure.band("", &band(&curve, circle)).coloured(passage.look());
             let line = if circle { cut_at_wraps(&line) } else { line };
-            figure.line(&passage.name(), &line).coloured(passage.colour());
+            figure.line(&passage.name(), &line).coloured(passage.look());
             // Above the closest range there is nothing of the course.
             let (above, most) = if circle { (0.0, 360.0) } else { (NUMBER_ABOVE_KM, FARTHEST_KM) };
             if let Some((at, value)) = number_at(&curve, passage.last.cpa_time_s, span_s)

@@ -139,7 +139,7 @@ pub fn draw(
         azimuth.truth(&t.name, &cut_at_wraps(&points)).coloured(TRUTH_OVER_DARK);
     }
     for p in &found.passages {
-        azimuth.line(&p.name(), &p.azimuths(times)).coloured(p.colour());
+        azimuth.line(&p.name(), &p.azimuths(times)).coloured(p.look());
     }
     let words = format!(
         "Colours: natural logarithm of the likelihood of a vessel at each azimuth over that of none, {each}. Points: detections. \
@@ -160,7 +160,7 @@ pub fn draw(
         range.truth(&t.name, &points).coloured(TRUTH_OVER_DARK);
     }
     for p in &found.passages {
-        range.line(&p.name(), &p.ranges_km(times)).coloured(p.colour());
+        range.line(&p.name(), &p.ranges_km(times)).coloured(p.look());
     }
     range.y_range(0.0, 50.0);
     let words = format!(

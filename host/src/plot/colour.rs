@@ -21,6 +21,47 @@ pub const PALETTE: [RGBColor; 7] = [
     RGBColor(130, 90, 44),
 ];
 
+/// How one of many series is drawn: its colour and, from the eighth on, which have the colours of the first again, its dash and its marker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Look {
+    /// Its colour.
+    pub colour: RGBColor,
+    /// How often the palette was used up before it.
+    pub(super) round: usize,
+}
+
+impl Look {
+    /// So many look otherwise each; of more none is dashed, for no dash would tell which it is, and pages would be long.
+    pub const MOST: usize = 4 * PALETTE.len();
+
+    /// The look of a series by its number, from 0.
+    pub fn of(number: usize) -> Self {
+        Self { colour: PALETTE[number % PALETTE.len()], round: number / PALETTE.len() }
+    }
+
+    /// Whether it is one of the first [`Look::MOST`].
+    pub(super) fn is_own(self) -> bool {
+        self.round * PALETTE.len() < Self::MOST
+    }
+
+    /// Length of a dash and of the gap after it, points; `None`: the line is whole.
+    pub(super) fn dash(self) -> Option<(i32, i32)> {
+        [None, Some((10, 5)), Some((3, 4)), Some((18, 3))][self.round % 4]
+    }
+
+    /// Where its dashes begin and end along so many points.
+    pub(super) fn dashes(self, length: i32) -> Vec<(i32, i32)> {
+        let Some((dash, gap)) = self.dash() else { return vec![(0, length)] };
+        (0..length).step_by((dash + gap) as usize).map(|from| (from, (from + dash).min(length))).collect()
+    }
+}
+
+impl From<RGBColor> for Look {
+    fn from(colour: RGBColor) -> Self {
+        Self { colour, round: 0 }
+    }
+}
+
 /// The colour of the truth in every figure.
 pub const TRUTH: RGBColor = RGBColor(40, 40, 40);
 
@@ -164,6 +205,16 @@ mod tests {
         let grey = |deg: f64| lab(linear(at(deg)))[0];
         let winds = [0.0, 90.0, 180.0, 270.0].map(|deg| (grey(deg) - grey(deg + 90.0)).abs());
         assert!(winds.iter().all(|d| *d > 10.0), "{winds:?}");
+    }
+
+    #[test]
+    fn no_two_of_four_palettes_look_alike() {
+        let looks: Vec<_> = (0..4 * PALETTE.len()).map(Look::of).map(|l| (l.colour, l.dash())).collect();
+        for (k, look) in looks.iter().enumerate() {
+            assert!(!looks[..k].contains(look), "{k}");
+        }
+        assert_eq!(Look::of(3).dashes(26), [(0, 26)]);
+        assert_eq!(Look::of(8).dashes(26), [(0, 10), (15, 25)]);
     }
 
     #[test]

@@ -52,7 +52,7 @@ impl Layer {
                     let shown =
                         points.iter().filter(|p| x.holds(p.0) && y.holds(p.1)).filter_map(|p| place(*p));
                     shown.for_each(|at| layer.disc(&mut hits, at, radius));
-                    layer.paint(&hits, one.colour, |n| POINTS[usize::from(n.min(3)) - 1]);
+                    layer.paint(&hits, one.look.colour, |n| POINTS[usize::from(n.min(3)) - 1]);
                 }
                 Shape::Band(corners) => {
                     hits.fill(0);
@@ -64,7 +64,7 @@ impl Layer {
                             layer.slice(&mut hits, pair[0], pair[1]);
                         }
                     }
-                    layer.paint(&hits, one.colour, |_| BAND);
+                    layer.paint(&hits, one.look.colour, |_| BAND);
                 }
                 _ => {}
             }

@@ -106,8 +106,8 @@ pub(super) fn panel(
                 .sized(1.4);
             continue;
         }
-        figure.band("", &band(directions, angle == Angle::Azimuth)).coloured(passage.colour());
-        figure.points(&passage.name(), &points).coloured(passage.colour()).sized(1.7);
+        figure.band("", &band(directions, angle == Angle::Azimuth)).coloured(passage.look());
+        figure.points(&passage.name(), &points).coloured(passage.look()).sized(1.7);
     }
     if angle == Angle::Azimuth {
         figure.y_scale(Scale::Degrees);
@@ -210,7 +210,7 @@ mod tests {
 
     fn bands(figure: &Plot) -> Vec<(RGBColor, Corners)> {
         let band =
-            |s: &Series| if let Shape::Band(b) = &s.shape { Some((s.colour, b.clone())) } else { None };
+            |s: &Series| if let Shape::Band(b) = &s.shape { Some((s.look.colour, b.clone())) } else { None };
         figure.series.iter().filter_map(band).collect()
     }
 
@@ -227,8 +227,10 @@ mod tests {
             let steps = corners.windows(2).filter(|w| w[0].1.is_finite() && w[1].1.is_finite());
             assert!(steps.clone().count() > 90 && steps.clone().all(|w| (w[0].1 - w[1].1).abs() < 5.0));
             assert!(corners.iter().filter(|c| c.1.is_finite()).all(|c| (c.2 - c.1) < 3.0));
-            let points =
-                figure.series.iter().find(|s| s.colour == *colour && matches!(s.shape, Shape::Points(_)));
+            let points = figure
+                .series
+                .iter()
+                .find(|s| s.look.colour == *colour && matches!(s.shape, Shape::Points(_)));
             assert!(points.is_some_and(|s| s.name.starts_with("track ")));
         }
     }
@@ -240,9 +242,9 @@ mod tests {
         let figure = panel(Angle::Azimuth, &bearings, &found, RATE_HZ, &times, (0.0, 100.0), Some(1));
         assert_eq!(bands(&figure).len(), 1);
         let last = figure.series.last().unwrap();
-        assert_eq!((last.name.as_str(), last.colour), ("track 2", found.passages[1].colour()));
+        assert_eq!((last.name.as_str(), last.look.colour), ("track 2", found.passages[1].colour()));
         let other = figure.series.iter().find(|s| s.name == "track 1 (another)").unwrap();
-        assert_eq!(other.colour, faded(found.passages[0].colour()));
+        assert_eq!(other.look.colour, faded(found.passages[0].colour()));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::axis::{Axis, LABEL, Ruler, Scale};
 use super::legend::{LEGEND, caption, caption_height, colour_bar, legend};
 use super::raster::{Cells, Images};
 use super::series::{Chart, circles, draw_series};
-use super::{Plot, Shape, clock, dense, table};
+use super::{Plot, Shape, clock, dense, notes, table};
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -158,17 +158,19 @@ fn one(area: &Area<'_>, figure: &Plot, bar_room: bool, images: &mut Images) -> R
         .set_all_tick_mark_size(5 * FINE)
         .draw()
         .map_err(failed)?;
-    if let Some(radii) = &figure.circles {
-        circles(&mut chart, radii, x, y)?;
-    }
+    let labels = match &figure.circles {
+        Some(radii) => circles(&mut chart, radii, x, y)?,
+        None => Vec::new(),
+    };
     let dense = dense::is_dense(&figure.series);
     if dense {
         images.layer(area, &figure.series, (x, y), place)?;
     }
     let in_pixels = |shape: &Shape| dense && matches!(shape, Shape::Points(_) | Shape::Band(_));
     for series in figure.series.iter().filter(|s| !in_pixels(&s.shape)) {
-        draw_series(&mut chart, series, x, y, plot)?;
+        draw_series(&mut chart, series, figure.shown(series.look), (x, y), plot)?;
     }
+    notes::draw(&mut chart, &figure.series, &labels, (x, y), plot)?;
     if let Some((bar, heat)) = bar.zip(figure.heat.as_ref()) {
         colour_bar(&bar, heat)?;
     }

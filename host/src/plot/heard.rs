@@ -6,7 +6,7 @@
 //! silence.
 
 use super::times::Times;
-use super::{PALETTE, cut_at_wraps};
+use super::{Look, cut_at_wraps};
 use crate::angle::{azimuth_deg, turn_deg, wrap_deg};
 use plotters::style::RGBColor;
 use seabearing_core::config::{Kind, StationConfig};
@@ -91,9 +91,14 @@ impl Passage {
         self.last.range_observable && self.last.x_m.is_finite() && self.last.y_m.is_finite()
     }
 
-    /// Its colour on every picture of a recording.
+    /// Its look on every picture of a recording.
+    pub(crate) fn look(&self) -> Look {
+        Look::of(self.number)
+    }
+
+    /// Its colour there.
     pub(crate) fn colour(&self) -> RGBColor {
-        PALETTE[self.number % PALETTE.len()]
+        self.look().colour
     }
 
     pub(crate) fn name(&self) -> String {

@@ -3,6 +3,7 @@
 use super::axis::{Axis, LABEL, Ruler};
 use super::draw::{Area, BAR, BELOW, FINE, GREY, MARGIN, TITLE, failed, font};
 use super::raster::{COLOURS, heat_range};
+use super::series::marker;
 use super::{HeatMap, Plot, Series, Shape, dense, text};
 use anyhow::Result;
 use plotters::prelude::*;
@@ -74,10 +75,14 @@ pub(super) fn legend(area: &Area<'_>, figure: &Plot, width: i32) -> Result<i32> 
         let y = (TITLE + r as i32 * LEGEND + LEGEND / 2 - 2) * FINE;
         for (series, item) in row {
             let (x0, x1) = (x * FINE, (x + 26) * FINE);
-            let stroke = series.colour.stroke_width((series.width * f64::from(FINE)) as u32);
+            let look = figure.shown(series.look);
+            let stroke = look.colour.stroke_width((series.width * f64::from(FINE)) as u32);
             match series.shape {
                 Shape::Line(_) | Shape::Outline(_) => {
-                    area.draw(&PathElement::new(vec![(x0, y), (x1, y)], stroke)).map_err(failed)?;
+                    for (from, to) in look.dashes(26) {
+                        let ends = vec![(x0 + from * FINE, y), (x0 + to * FINE, y)];
+                        area.draw(&PathElement::new(ends, stroke)).map_err(failed)?;
+                    }
                 }
                 Shape::Dashed(_) => {
                     for k in [0, 10, 20] {
@@ -87,12 +92,12 @@ pub(super) fn legend(area: &Area<'_>, figure: &Plot, width: i32) -> Result<i32> 
                 }
                 Shape::Points(_) => {
                     let r = (series.width * 1.4 * f64::from(FINE)) as i32;
-                    area.draw(&Circle::new(((x0 + x1) / 2, y), r, series.colour.filled())).map_err(failed)?;
+                    area.draw(&marker(((x0 + x1) / 2, y), r, look, 1.0)).map_err(failed)?;
                 }
                 Shape::Notes(_) => {}
                 Shape::Band(_) => {
                     let corners = [(x0, y - 5 * FINE), (x1, y + 5 * FINE)];
-                    area.draw(&Rectangle::new(corners, series.colour.mix(dense::BAND).filled()))
+                    area.draw(&Rectangle::new(corners, look.colour.mix(dense::BAND).filled()))
                         .map_err(failed)?;
                 }
             }

@@ -26,6 +26,7 @@ mod draw;
 pub mod format;
 pub(crate) mod heard;
 mod legend;
+mod notes;
 pub mod passage;
 mod raster;
 pub mod result;
@@ -37,7 +38,7 @@ pub mod times;
 pub(crate) mod ways;
 
 pub use axis::{Axis, Scale};
-pub use colour::{ColourMap, PALETTE, TRUTH};
+pub use colour::{ColourMap, Look, PALETTE, TRUTH};
 pub use plotters::style::RGBColor;
 
 use anyhow::Result;
@@ -78,7 +79,7 @@ enum Shape {
 #[derive(Clone, Debug)]
 struct Series {
     name: String,
-    colour: RGBColor,
+    look: Look,
     width: f64,
     shape: Shape,
 }
@@ -214,11 +215,11 @@ impl Plot {
         self
     }
 
-    /// A table in place of axes: rows of words, the first the header, and before each other row a mark of its colour. The figure becomes as high
+    /// A table in place of axes: rows of words, the first the header, and before each other row a mark of its look. The figure becomes as high
     /// as the table, and at least as wide.
-    pub fn table(&mut self, rows: Vec<Vec<String>>, colours: Vec<RGBColor>) -> &mut Self {
+    pub fn table(&mut self, rows: Vec<Vec<String>>, looks: Vec<Look>) -> &mut Self {
         self.size(table::width(&rows), table::height(rows.len()));
-        self.table = table::Table { rows, colours };
+        self.table = table::Table { rows, looks };
         self
     }
 
@@ -228,7 +229,7 @@ impl Plot {
         self
     }
 
-    /// Words beside points.
+    /// Words beside points. Those that would lie on others stand off, at the end of a thin line; where there is no room for that either they are left out.
     pub fn notes(&mut self, notes: Vec<((f64, f64), String)>) -> &mut Self {
         self.push("", TRUTH, 0.0, Shape::Notes(notes))
     }
@@ -245,13 +246,13 @@ impl Plot {
         self.add(name, 1.6, Shape::Outline(ellipse_outline(centre, variances, probability)))
     }
 
-    /// Gives the last series this colour instead of the next of the palette; the palette does not move on.
-    pub fn coloured(&mut self, colour: RGBColor) -> &mut Self {
+    /// Gives the last series this colour, or the look of one of many, instead of the next of the palette; the palette does not move on.
+    pub fn coloured(&mut self, look: impl Into<Look>) -> &mut Self {
         if let Some(last) = self.series.last_mut() {
-            if PALETTE.get((self.next + PALETTE.len() - 1) % PALETTE.len()) == Some(&last.colour) {
+            if PALETTE.get((self.next + PALETTE.len() - 1) % PALETTE.len()) == Some(&last.look.colour) {
                 self.next += PALETTE.len() - 1;
             }
-            last.colour = colour;
+            last.look = look.into();
         }
         self
     }
@@ -266,11 +267,16 @@ impl Plot {
 
     /// Gives the last series the colour of the one before: a band and the line within it.
     pub fn same_colour(&mut self) -> &mut Self {
-        let before = self.series.len().checked_sub(2).and_then(|i| self.series.get(i)).map(|s| s.colour);
+        let before = self.series.len().checked_sub(2).and_then(|i| self.series.get(i)).map(|s| s.look.colour);
         match before {
             Some(colour) => self.coloured(colour),
             None => self,
         }
+    }
+
+    /// How a series with a look is drawn.
+    fn shown(&self, look: Look) -> Look {
+        if self.series.iter().all(|s| s.look.is_own()) { look } else { look.colour.into() }
     }
 
     /// The coloured cells under everything else.
@@ -302,8 +308,8 @@ impl Plot {
     }
 
     /// Adds a series; one without a name is not in the legend.
-    fn push(&mut self, name: &str, colour: RGBColor, width: f64, shape: Shape) -> &mut Self {
-        self.series.push(Series { name: name.to_owned(), colour, width, shape });
+    fn push(&mut self, name: &str, look: impl Into<Look>, width: f64, shape: Shape) -> &mut Self {
+        self.series.push(Series { name: name.to_owned(), look: look.into(), width, shape });
         self
     }
 }

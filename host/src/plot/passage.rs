@@ -173,8 +173,8 @@ fn detections(
     }
     range.points("of no track, or of another", &ranges[0]).coloured(NOBODY).sized(1.6);
     if let Some(passage) = own {
-        azimuth.points(&passage.name(), &of(Some(alone))).coloured(passage.colour());
-        range.points(&passage.name(), &ranges[1]).coloured(passage.colour());
+        azimuth.points(&passage.name(), &of(Some(alone))).coloured(passage.look());
+        range.points(&passage.name(), &ranges[1]).coloured(passage.look());
     }
     azimuth.y_scale(Scale::Degrees).y_range(0.0, 360.0);
     azimuth.caption(

@@ -2,26 +2,23 @@
 
 use super::axis::{Axis, Ruler, Scale};
 use super::draw::{FINE, GREY, failed, font};
-use super::{Series, Shape, dense};
+use super::{Look, Series, Shape, dense, notes};
 use anyhow::Result;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-/// Share of the vertical axis from which on words stand below what they are of: above it they would be cut.
-const NEAR_THE_TOP: f64 = 0.95;
-
-type Point = (f64, f64);
+pub(super) type Point = (f64, f64);
 pub(super) type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Ruler, Ruler>>;
 
 /// Draws a series on axes that are so long and high, points.
 pub(super) fn draw_series(
     chart: &mut Chart<'_>,
     series: &Series,
-    x: Axis,
-    y: Axis,
+    look: Look,
+    (x, y): (Axis, Axis),
     size: (i32, i32),
 ) -> Result<()> {
-    let stroke = series.colour.stroke_width((series.width * f64::from(FINE)).round() as u32);
+    let stroke = look.colour.stroke_width((series.width * f64::from(FINE)).round() as u32);
     let pixel = |p: Point| {
         let place =
             |axis: Axis, at: f64, length: i32| axis.share(at).unwrap_or(f64::NAN) * f64::from(length * FINE);
@@ -30,7 +27,13 @@ pub(super) fn draw_series(
     match &series.shape {
         Shape::Line(points) | Shape::Outline(points) => {
             for run in runs(points, x, y) {
-                chart.draw_series([PathElement::new(dense::thinned(&run, pixel), stroke)]).map_err(failed)?;
+                let run = dense::thinned(&run, pixel);
+                match look.dash() {
+                    None => chart.draw_series([PathElement::new(run, stroke)]).map_err(failed)?,
+                    Some((dash, gap)) => chart
+                        .draw_series(DashedLineSeries::new(run, dash * FINE, gap * FINE, stroke))
+                        .map_err(failed)?,
+                };
             }
         }
         Shape::Dashed(points) => {
@@ -48,22 +51,10 @@ pub(super) fn draw_series(
         Shape::Points(points) => {
             let r = (series.width * f64::from(FINE)).round() as i32;
             let shown = points.iter().filter(|p| x.holds(p.0) && y.holds(p.1));
-            chart
-                .draw_series(shown.map(|p| Circle::new(*p, r, series.colour.mix(0.8).filled())))
-                .map_err(failed)?;
+            chart.draw_series(shown.map(|p| marker(*p, r, look, 0.8))).map_err(failed)?;
         }
-        Shape::Notes(notes) => {
-            for (at, text) in notes.iter().filter(|(at, _)| x.holds(at.0) && y.holds(at.1)) {
-                // Beside what it is of, not on it, and within the picture.
-                let right = x.share(at.0).is_some_and(|share| share > 0.8);
-                let (side, beside) = if right { (HPos::Right, -5) } else { (HPos::Left, 5) };
-                let top = y.share(at.1).is_some_and(|share| share > NEAR_THE_TOP);
-                let (edge, above) = if top { (VPos::Top, 3) } else { (VPos::Bottom, -3) };
-                let style = font(11).color(&series.colour).pos(Pos::new(side, edge));
-                let text = Text::new(text.clone(), (beside * FINE, above * FINE), style);
-                chart.draw_series([EmptyElement::at(*at) + text]).map_err(failed)?;
-            }
-        }
+        // Words are drawn when all else is: where they stand is a matter of all of them.
+        Shape::Notes(_) => {}
         Shape::Band(points) => {
             let (lo, hi) = if y.from < y.to { (y.from, y.to) } else { (y.to, y.from) };
             let whole = |p: &&(f64, f64, f64)| p.1.is_finite() && p.2.is_finite() && x.holds(p.0);
@@ -72,12 +63,19 @@ pub(super) fn draw_series(
                 let upper = run.iter().rev().map(|p| (p.0, p.2.clamp(lo, hi)));
                 let outline: Vec<(f64, f64)> = lower.chain(upper).collect();
                 chart
-                    .draw_series([Polygon::new(outline, series.colour.mix(dense::BAND).filled())])
+                    .draw_series([Polygon::new(outline, look.colour.mix(dense::BAND).filled())])
                     .map_err(failed)?;
             }
         }
     }
     Ok(())
+}
+
+/// A point of a series: a disc, or a ring where colours return.
+pub(super) fn marker<C>(at: C, r: i32, look: Look, strength: f64) -> Circle<C, i32> {
+    let colour = look.colour.mix(strength);
+    let style = if look.round == 0 { colour.filled() } else { colour.stroke_width(FINE as u32) };
+    Circle::new(at, r, style)
 }
 
 /// The parts of a polyline inside the axes.
@@ -125,14 +123,20 @@ fn clip(a: Point, b: Point, x: Axis, y: Axis) -> Option<(Point, Point, bool)> {
     Some((if from > 0.0 { point(from) } else { a }, if to < 1.0 { point(to) } else { b }, to >= 1.0))
 }
 
-/// Circles of range about the station, labelled in metres or kilometres.
-pub(super) fn circles(chart: &mut Chart<'_>, radii: &[f64], x: Axis, y: Axis) -> Result<()> {
+/// Circles of range about the station, labelled in metres or kilometres; the labels, each centred above its place.
+pub(super) fn circles(
+    chart: &mut Chart<'_>,
+    radii: &[f64],
+    x: Axis,
+    y: Axis,
+) -> Result<Vec<(Point, String)>> {
     let reach = [x.from, x.to, y.from, y.to].iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let radii = if radii.is_empty() {
         Axis { from: 0.0, to: reach * 1.2, scale: Scale::Linear }.ticks(5)
     } else {
         radii.to_vec()
     };
+    let mut labels = Vec::new();
     for r in radii.into_iter().filter(|r| *r > 0.0) {
         let ring: Vec<(f64, f64)> =
             (0..=180).map(|i| f64::from(i).to_radians() * 2.0).map(|t| (r * t.sin(), r * t.cos())).collect();
@@ -145,12 +149,13 @@ pub(super) fn circles(chart: &mut Chart<'_>, radii: &[f64], x: Axis, y: Axis) ->
             [(0.0, r), (0.0, -r), (r, 0.0), (-r, 0.0)].into_iter().find(|p| x.holds(p.0) && y.holds(p.1));
         if let Some(at) = at {
             let text = if r >= 1000.0 { format!("{} km", r / 1000.0) } else { format!("{r} m") };
-            let style = font(11).color(&GREY).pos(Pos::new(HPos::Center, VPos::Bottom));
-            chart.draw_series([Text::new(text, at, style)]).map_err(failed)?;
+            let style = font(notes::SIZE).color(&GREY).pos(Pos::new(HPos::Center, VPos::Bottom));
+            chart.draw_series([Text::new(text.clone(), at, style)]).map_err(failed)?;
+            labels.push((at, text));
         }
     }
     chart
         .draw_series([TriangleMarker::new((0.0, 0.0), 7 * FINE, RGBColor(0, 0, 0).filled())])
         .map_err(failed)?;
-    Ok(())
+    Ok(labels)
 }

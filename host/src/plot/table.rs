@@ -1,7 +1,7 @@
 //! A table in place of axes: a header, rows in columns that are as wide as they need, a mark of colour before each row.
 
 use super::draw::{Area, FINE, TITLE, failed, font};
-use super::{RGBColor, text};
+use super::{Look, RGBColor, text};
 use anyhow::Result;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -22,7 +22,7 @@ pub(super) struct Table {
     /// The first is the header.
     pub(super) rows: Vec<Vec<String>>,
     /// Of each row after the header.
-    pub(super) colours: Vec<RGBColor>,
+    pub(super) looks: Vec<Look>,
 }
 
 /// Height of a figure that holds a table of so many rows, the header among them, points.
@@ -50,10 +50,11 @@ pub(super) fn draw(area: &Area<'_>, table: &Table) -> Result<()> {
     let from = f64::from(LEFT + MARK);
     for (k, row) in (0..).zip(&table.rows) {
         let y = (TITLE + ROW * k + ROW / 2) * FINE;
-        let colour = (k as usize).checked_sub(1).and_then(|k| table.colours.get(k));
-        if let Some(colour) = colour {
-            let ends = vec![(LEFT * FINE, y), ((LEFT + MARK - 6) * FINE, y)];
-            let stroke = colour.stroke_width((4 * FINE) as u32);
+        let look = (k as usize).checked_sub(1).and_then(|k| table.looks.get(k));
+        // The mark is half as long as a legend's: so are its dashes.
+        for (from, to) in look.iter().flat_map(|look| look.dashes(2 * (MARK - 6))) {
+            let ends = vec![(LEFT * FINE + from * FINE / 2, y), (LEFT * FINE + to * FINE / 2, y)];
+            let stroke = look.map_or(HEADER, |look| look.colour).stroke_width((4 * FINE) as u32);
             area.draw(&PathElement::new(ends, stroke)).map_err(failed)?;
         }
         let mut x = from;
@@ -74,14 +75,14 @@ pub(super) fn draw(area: &Area<'_>, table: &Table) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{PALETTE, Plot};
+    use super::super::{Look, Plot};
 
     #[test]
     fn a_table_has_its_words_below_each_other_and_room_for_all_rows() {
         let row = |cells: [&str; 2]| cells.map(str::to_owned).to_vec();
         let rows = vec![row(["track", "range"]), row(["1", "12.3 km"]), row(["214", "–"])];
         let mut figure = Plot::new("Ships", "", "");
-        figure.table(rows, vec![PALETTE[0], PALETTE[1]]);
+        figure.table(rows, vec![Look::of(0), Look::of(1)]);
         assert_eq!(figure.size, (200, 150));
         let svg = figure.svg().unwrap();
         let place = |word: &str| {

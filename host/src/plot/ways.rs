@@ -1,8 +1,8 @@
 //! Courses on a map: where a vessel went while it was heard, with times, the way it goes and the ellipse of its last place.
 
-use super::Plot;
 use super::heard::{Belonging, Passage};
 use super::times::Times;
+use super::{Look, Plot};
 
 /// Length of an arrow's head, as a share of the longest course.
 const HEAD: f64 = 0.05;
@@ -40,7 +40,7 @@ fn ends(passage: &Passage) -> Option<((f64, f64), (f64, f64))> {
 fn course(figure: &mut Plot, passage: &Passage, head_m: f64) {
     let Some((from, to)) = ends(passage) else { return };
     let t = &passage.last;
-    figure.line(&passage.name(), &[from, to]).coloured(passage.colour());
+    figure.line(&passage.name(), &[from, to]).coloured(passage.look());
     let barb = |turn: f64| {
         let (s, c) = (f64::from(t.heading) + turn).sin_cos();
         (to.0 - head_m * s, to.1 - head_m * c)
@@ -63,7 +63,7 @@ pub(super) fn alone(figure: &mut Plot, passage: &Passage, times: &Times) {
         marked.push(cpa_s);
     }
     let at = |t_s: f64| passage.place(t_s);
-    figure.points("", &marked.iter().map(|t_s| at(*t_s)).collect::<Vec<_>>()).coloured(passage.colour());
+    figure.points("", &marked.iter().map(|t_s| at(*t_s)).collect::<Vec<_>>()).coloured(passage.look());
     figure.notes(marked.into_iter().map(|t_s| (at(t_s), times.clock(t_s))).collect());
 }
 
@@ -77,7 +77,11 @@ pub(crate) fn words(found: &Belonging) -> String {
         several => format!(" Tracks {} are not drawn: nothing is known of their ranges.", several.join(", ")),
     };
     let placed = found.passages.len() - found.passages.iter().filter(|p| !p.is_placed()).count();
-    let beside = if placed <= FEW { "its number and UTC" } else { "its number (colours return after seven)" };
+    let beside = match placed {
+        0..=FEW => "its number and UTC",
+        ..=Look::MOST => "its number (from the eighth on lines are dashed, for colours return)",
+        _ => "its number (colours return after seven)",
+    };
     format!(
         "Straight course of each track through the closest point of its last solution, while it was heard, with {beside}; the arrow shows the \
          way it goes, the ellipse holds its last place with 95 %. Black triangle: the station, about which circles show \
@@ -103,7 +107,7 @@ mod tests {
         let mut figure = Plot::map("Tracks");
         courses(&mut figure, &found, &times);
         for passage in &found.passages {
-            let own = figure.series.iter().filter(|s| s.colour == passage.colour());
+            let own = figure.series.iter().filter(|s| s.look.colour == passage.colour());
             let shapes: Vec<(usize, bool)> = own
                 .map(|s| match &s.shape {
                     Shape::Line(points) => (points.len(), false),

@@ -3,7 +3,7 @@
 use super::Track;
 use super::heard::Direction;
 use crate::plot::times::Times;
-use crate::plot::{PALETTE, Plot, Scale, cut_at_wraps, write_panels};
+use crate::plot::{Look, Plot, Scale, cut_at_wraps, write_panels};
 use anyhow::Result;
 use std::path::Path;
 use time::OffsetDateTime;
@@ -33,11 +33,11 @@ pub fn draw(tracks: &[Track], all: &[Direction], start: Option<OffsetDateTime>, 
             times.clone().map(|t_s| (axis.at(t_s), t.course.azimuth(t_s).value.to_degrees())).collect();
         let name = format!("track {}", n + 1);
         // The first colour is that of what was heard; a track has one in both figures.
-        let colour = PALETTE[(n + 1) % PALETTE.len()];
-        angles.line(&name, &cut_at_wraps(&line)).coloured(colour);
+        let look = Look::of(n + 1);
+        angles.line(&name, &cut_at_wraps(&line)).coloured(look);
         let way: Vec<_> = times.filter_map(|t_s| t.place_m(t_s)).collect();
         if !way.is_empty() {
-            map.line(&name, &way).coloured(colour);
+            map.line(&name, &way).coloured(look);
             drawn = true;
         }
     }
