@@ -233,7 +233,7 @@ impl Agreement {
             _ => (Verdict::Tell, false),
         };
         // Another vessel that becomes the strongest may look like an exchange.
-        if changed && self.change.exchanged().is_some_and(|pair| self.exchange.denies(pair)) {
+        if changed && self.change.exchanged().is_some_and(|order| self.exchange.denies(order)) {
             self.change.set_exchanged(None);
             changed = false;
         }

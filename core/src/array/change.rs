@@ -1,4 +1,4 @@
-//! Whether a channel was late, or two were exchanged, from one moment to the next.
+//! Whether a channel was late, or channels changed places, from one moment to the next.
 //!
 //! Enters: the delays of each segment. Leaves: what changed, and how far to doubt what is heard since. Four arrival times have
 //! three differences, so they give a vector whatever they are: the way against the sound, in units of its slowness. That of a
@@ -6,18 +6,18 @@
 //! a vessel would that stands elsewhere. But a vessel moves evenly:
 //!
 //! * A channel late by d moves the vector by d times the dual vector of its hydrophone, of which there are four; two exchanged
-//!   channels move it to one of six places. From the track of up to [`KEPT`] segments before, all but the last, is known where
+//!   channels move it to one of six places, three or four that change places at once to one of 17 more ([`super::order`]). From the track of up to [`KEPT`] segments before, all but the last, is known where
 //!   it should be. What jumps to none of those places is another vessel.
 //! * Where pairs hear a vessel apart from its image in the surface the vector goes up and down between the two from segment to segment:
 //!   there a course is level, but for what a vessel's usual speed makes of it, and tells azimuths as sharply as elsewhere.
 //! * From the first such segment on no direction is told, until [`SURE`] have said the same (a vessel that turns does not)
 //!   or one has not, nor where pairs do not agree meanwhile. Then the fault `Inconsistent` says so. What may be either is taken for exchanged.
-//! * Of a vessel heard for less than [`LEAST_KEPT`] segments before is known where it was and how fast vessels turn: that tells exchanged channels, not
-//!   a late one.
+//! * Of a vessel heard for less than [`LEAST_KEPT`] segments before is known where it was and how fast vessels turn: that tells two exchanged channels, not
+//!   a late one, nor (of one vessel; [`super::exchange`] does) more that change places: one of so many places is another vessel's by chance.
 //! * Since then: with a late channel, bearings with an error as large as the delay; of exchanged channels none. What comes
 //!   from other directions is strained by a change and not by a vessel that jumped, or jumps back: [`DECIDED`] ends it. Where a vessel and its image are
 //!   heard apart they strain it as well, alike until it has turned.
-//!   In a regular tetrahedron two exchanged channels strain nothing, and only the jump back tells.
+//!   In a regular tetrahedron channels in another order strain nothing, and only the jump back tells.
 //!
 //! Where the strongest source is another one that is followed already, the course begins anew. What was wrong before anything was
 //! heard is not seen here. Cost: about 2000 instructions a segment.
@@ -25,13 +25,13 @@
 use super::agreement::{DEEPEST, half_apart};
 use super::estimate::{Context, Found};
 use super::jump::{
-    EITHER, ELSEWHERE, EXCHANGED, JUMPED, JUMPED_SAMPLES, Jump, LATE, NOTHING, What, difference, duals,
-    length, times, unit, vector,
+    EITHER, ELSEWHERE, EXCHANGED, JUMPED, JUMPED_SAMPLES, Jump, LATE, NOTHING, ORDERED, What, difference,
+    duals, length, times, unit, vector,
 };
+use super::order::{heard, inverse};
 use super::plan::Plan;
 use super::wavefront::{self, Direction, PAIR_COUNT, Used};
 use crate::block::CHANNELS;
-use crate::geometry::PAIRS;
 use crate::math::f32 as m;
 
 /// Segments kept, and least of them, without the newest, that tell where the next is.
@@ -254,15 +254,15 @@ impl Change {
         (self.verdict(), changed)
     }
 
-    /// The pair of channels that is exchanged.
+    /// The order that the channels are in, if it is another than it should be.
     pub(super) fn exchanged(&self) -> Option<u8> {
-        self.what.checked_sub(EXCHANGED)
+        self.what.checked_sub(ORDERED).filter(|order| *order > 0)
     }
 
-    /// Takes which pair of channels is exchanged, as all vessels together show.
-    pub(super) fn set_exchanged(&mut self, pair: Option<u8>) {
-        if self.exchanged().is_some() != pair.is_some() {
-            self.what = pair.map_or(NOTHING, |pair| EXCHANGED + pair);
+    /// Takes in which order the channels are, as all vessels together show.
+    pub(super) fn set_exchanged(&mut self, order: Option<u8>) {
+        if self.exchanged().is_some() != order.is_some() {
+            self.what = order.map_or(NOTHING, |order| ORDERED + order);
             (self.seems, self.times, self.strays, self.kept, self.against) = (NOTHING, 0, 0, 0, 0.0);
         }
     }
@@ -328,8 +328,10 @@ impl Change {
 
     /// A change has become sure.
     fn sure(&mut self, delay_s: f32) {
-        let back = self.what == self.seems
-            && (self.what >= EXCHANGED || m::abs(self.delay_s + delay_s) < 0.5 * m::abs(self.delay_s));
+        let back = match self.exchanged() {
+            Some(order) => self.seems == ORDERED + inverse(order),
+            None => self.what == self.seems && m::abs(self.delay_s + delay_s) < 0.5 * m::abs(self.delay_s),
+        };
         if back {
             self.what = NOTHING;
         } else if self.what < EXCHANGED {
@@ -354,12 +356,8 @@ impl Change {
         }
         let plan = context.plan;
         let radial = length(own) - expected;
-        let other = if let Some(pair) = self.what.checked_sub(EXCHANGED) {
-            let mut t = *arrived;
-            if let Some((i, j)) = PAIRS.get(usize::from(pair)) {
-                t.swap(*i, *j);
-            }
-            length(&vector(plan, duals, &t)) - expected
+        let other = if let Some(order) = self.exchanged() {
+            length(&vector(plan, duals, &heard(arrived, inverse(order)))) - expected
         } else {
             let dual = duals.get(usize::from(self.what - LATE)).unwrap_or(&[0.0; 3]);
             let late = self.delay_s / plan.inv_c;

@@ -4,7 +4,7 @@ use super::super::jump::arrivals;
 use super::super::test_sea::{error_from, hear, noisy, planned, source, standardised};
 use super::*;
 use crate::angle::unit_vector;
-
+use crate::geometry::PAIRS;
 use crate::wire::{Bearing, FaultCode};
 use std::vec::Vec;
 
@@ -117,6 +117,20 @@ fn of_exchanged_channels_no_bearing_is_told() {
         let (codes, wrong, right) =
             after(0.3 + 0.5 * n as f64, n, |sea| sea.iter_mut().for_each(|x| x.swap(i, j)));
         assert_eq!((codes, wrong), (std::vec![FaultCode::Inconsistent], 0), "{n}");
+        assert!(right <= 1, "{n}: {right}");
+    }
+}
+
+#[test]
+fn of_channels_that_change_places_three_or_four_at_once_no_bearing_is_told() {
+    // Slips by one, two and three, pairs of two lines each exchanged, and three in a ring.
+    let orders =
+        [[1, 2, 3, 0], [2, 3, 0, 1], [3, 0, 1, 2], [1, 0, 3, 2], [3, 2, 1, 0], [1, 2, 0, 3], [0, 3, 1, 2]];
+    for (n, held) in (0..).zip(orders.into_iter().cycle().take(14)) {
+        let slip = |sea: &mut [[f64; CHANNELS]]| sea.iter_mut().for_each(|x| *x = held.map(|h: usize| x[h]));
+        let (codes, wrong, right) = after(0.3 + 0.5 * n as f64, n, slip);
+        // Some vessel is heard as with a channel inverted as well.
+        assert!(codes.first() == Some(&FaultCode::Inconsistent) && wrong == 0, "{n}: {codes:?} {wrong}");
         assert!(right <= 1, "{n}: {right}");
     }
 }

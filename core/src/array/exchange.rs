@@ -1,12 +1,12 @@
-//! Whether two channels were exchanged, by all vessels that are known.
+//! Whether channels have changed places, by all vessels that are known.
 //!
-//! Enters: each segment's correlations of the pairs, and where vessels are heard. Leaves: whether they are heard where they should be, or where two
-//! exchanged channels put them. An exchange moves every vessel, and where several are heard it may put one near to where another was, or let
+//! Enters: each segment's correlations of the pairs, and where vessels are heard. Leaves: whether they are heard where they should be, or where channels
+//! in another order put them: two exchanged, or three or four that change places at once ([`super::order`]). An exchange moves every vessel, and where several are heard it may put one near to where another was, or let
 //! another be the strongest: of that one alone ([`super::change`]) it would look like a vessel that takes another's turn. All of them together jump as
 //! nothing else does.
 //!
 //! * Up to [`KNOWN`] vessels are known, the strongest and those that are followed beside it, with how fast each turns or, high above, moves. The correlations at the
-//!   delays that they should have are summed, for the channels as they are and for each two of them exchanged, in units of the pairs' own peaks.
+//!   delays that they should have are summed, for the channels in each of their 24 orders, in units of the pairs' own peaks.
 //! * Where an exchange explains [`MORE`] beyond what they do as they are, no direction is told; the [`SURE`]th time in a row it is sure, and said by
 //!   the fault `Inconsistent`.
 //! * From then on no direction is told. The vessels are followed through the exchange, by each pair's own delays, until they are
@@ -18,12 +18,13 @@
 //!   are exchanged it may be anywhere.
 //!
 //! Vessels in the plane that is half-way between two hydrophones are heard where they were when those are exchanged: where all are, it shows when
-//! one leaves it, if it is still remembered as it was then. Cost: about 5000 instructions a segment for each vessel known.
+//! one leaves it, if it is still remembered as it was then. Cost: about 9000 instructions a segment for each vessel known.
 
 use super::agreement::half_apart;
 use super::estimate::Context;
 use super::followed::{Followed, Known};
 use super::jump::{duals, times, unit, vector};
+use super::order::{ORDERS, SWAPS, heard, held, inverse};
 use super::plan::Plan;
 use super::report;
 use super::search::{PairPeaks, SearchWork};
@@ -38,6 +39,9 @@ const KNOWN: usize = 4;
 /// vessels are heard by well channels have at most 0.1.
 const FOUND: f32 = 0.3;
 const MORE: f32 = 0.2;
+/// How much more three or four channels that change places must explain than two: where the sound reaches two hydrophones at about the same time,
+/// several orders explain it alike, and through the wrong one a vessel is followed astray.
+const RARER: f32 = 0.1;
 /// Segments in a row that must say so, and those elsewhere than expected after which what is heard there is new.
 const SURE: u8 = 3;
 const STRAY: u8 = 3;
@@ -60,8 +64,8 @@ const CLOSED_SAMPLES: f32 = 0.8;
 pub(super) struct Exchange {
     /// The strongest first; segments are steps here.
     known: [Known; KNOWN],
-    /// Pair of channels that is exchanged, counted from 1; 0: none.
-    pair: u8,
+    /// In which order the channels are ([`super::order`]); 0: as they should be.
+    order: u8,
     /// Segments in a row that say another, and that hear the strongest where none is expected.
     times: u8,
     strays: u8,
@@ -69,14 +73,14 @@ pub(super) struct Exchange {
     explains: bool,
     /// Whether the first vessel to be known is one that has shown an exchange.
     shown: bool,
-    /// Pairs of channels, a bit each, that are not exchanged: the vessels known are heard where they were, and not where that would put them.
-    denied: u8,
+    /// Orders, a bit each, that the channels are not in: the vessels known are heard where they were, and not where that would put them.
+    denied: u32,
 }
 
 impl Exchange {
     pub(super) const NEW: Self = Self {
         known: [Known::NONE; KNOWN],
-        pair: 0,
+        order: 0,
         times: 0,
         strays: 0,
         explains: false,
@@ -84,9 +88,9 @@ impl Exchange {
         denied: 0,
     };
 
-    /// The pair of channels that is exchanged, where that is sure.
+    /// The order of the channels, where it is sure that it is another than it should be.
     pub(super) fn sure(&self) -> Option<u8> {
-        self.pair.checked_sub(1)
+        (self.order > 0).then_some(self.order)
     }
 
     /// Whether an exchange seems to have begun or ended.
@@ -94,24 +98,24 @@ impl Exchange {
         self.times > 0
     }
 
-    /// Whether several vessels are heard where they were, and not where the exchange of a pair of channels would put them.
-    pub(super) fn denies(&self, pair: u8) -> bool {
-        self.pair == 0
+    /// Whether several vessels are heard where they were, and not where channels in this order would put them.
+    pub(super) fn denies(&self, order: u8) -> bool {
+        self.order == 0
             && !self.seems()
             && self.explains
-            && self.denied & 1 << pair.min(7) != 0
+            && self.denied & 1 << order.min(31) != 0
             && self.known.iter().filter(|k| k.lasts()).count() > 1
     }
 
     /// Takes that the strongest source shows an exchange, or one that has ended. What the vessels known explain is not ended by that; what they do not show
     /// has begun unseen: they are known anew.
-    pub(super) fn agree(&mut self, pair: Option<u8>) {
-        match pair {
-            Some(pair) if self.seems() => (self.pair, self.times) = (pair + 1, 0),
+    pub(super) fn agree(&mut self, order: Option<u8>) {
+        match order {
+            Some(order) if self.seems() => (self.order, self.times) = (order, 0),
             None if self.explains => {}
             _ => {
                 self.forget();
-                self.shown = pair.is_some();
+                self.shown = order.is_some();
             }
         }
     }
@@ -124,7 +128,7 @@ impl Exchange {
     /// Takes that samples are missing: where vessels are after it nobody knows, and one that was heard at the mirrored place would look like an
     /// exchange. What is sure stays so.
     pub(super) fn gap(&mut self) {
-        if self.pair == 0 {
+        if self.order == 0 {
             self.forget();
         }
     }
@@ -132,7 +136,7 @@ impl Exchange {
     /// Forgets what is known.
     #[inline(never)]
     pub(super) fn forget(&mut self) {
-        (self.pair, self.times, self.strays, self.explains, self.shown) = (0, 0, 0, false, false);
+        (self.order, self.times, self.strays, self.explains, self.shown) = (0, 0, 0, false, false);
         for known in &mut self.known {
             known.found = 0;
         }
@@ -151,26 +155,27 @@ impl Exchange {
         // The middle of a segment lies where a step ends, but for what is left out of it.
         let step = (context.index.saturating_add(plan.step_samples.get() / 4) / plan.step_samples) as u32;
         let scores = self.scores(context, (peaks, search), step);
-        let before = scores.get(usize::from(self.pair)).copied().unwrap_or(0.0);
+        let before = scores.get(usize::from(self.order)).copied().unwrap_or(0.0);
         // Of exchanged ones it is asked whether they are as they were, not whether others are exchanged as well.
-        let asked = if self.pair > 0 { 1 } else { scores.len() };
-        let (mut best, mut most) = (self.pair, before);
-        for (score, pair) in scores.iter().zip(0u8..).take(asked) {
-            if *score > most {
-                (best, most) = (pair, *score);
+        let asked = if self.order > 0 { 1 } else { scores.len() };
+        let (mut best, mut most) = (self.order, before);
+        for (score, order) in scores.iter().zip(0u8..).take(asked) {
+            let score = if usize::from(order) > SWAPS { score - RARER } else { *score };
+            if score > most {
+                (best, most) = (order, score);
             }
         }
         self.explains = before >= FOUND;
         self.denied = 0;
-        for (score, pair) in scores.iter().skip(1).zip(0u8..) {
+        for (score, order) in scores.iter().zip(0u8..) {
             if before >= *score + MORE {
-                self.denied |= 1 << pair;
+                self.denied |= 1 << order;
             }
         }
         if most >= FOUND && most >= before + MORE {
             self.times = self.times.saturating_add(1);
             if self.times >= SURE {
-                (self.pair, self.times, self.strays) = (best, 0, 0);
+                (self.order, self.times, self.strays) = (best, 0, 0);
                 for known in &mut self.known {
                     known.led = known.lasts();
                 }
@@ -178,10 +183,10 @@ impl Exchange {
             return;
         }
         self.times = 0;
-        let at = match self.pair {
+        let at = match self.order {
             0 => Some(*strongest),
             // What may be either is no place to follow vessels from.
-            pair if best == pair => self.through(plan, peaks, step),
+            order if best == order => self.through(plan, peaks, step),
             _ => None,
         };
         let Some(at) = at else { return };
@@ -204,7 +209,7 @@ impl Exchange {
             *first = Known::at(at, step, 1);
             first.led = core::mem::take(&mut self.shown);
         }
-        if self.pair == 0 {
+        if self.order == 0 {
             for other in others.known.iter().filter(|k| k.lasts()) {
                 let at = other.expected(segment);
                 let place = self.near(plan, &at, step).unwrap_or_else(|| self.stalest(step, 1));
@@ -217,17 +222,17 @@ impl Exchange {
         }
     }
 
-    /// What the vessels known explain of the pairs' peaks, with the channels as they are and with each pair of them exchanged.
+    /// What the vessels known explain of the pairs' peaks, with the channels in each order.
     #[inline(never)]
     fn scores(
         &mut self,
         context: &Context<'_>,
         (peaks, search): (&[PairPeaks; PAIR_COUNT], &SearchWork),
         step: u32,
-    ) -> [f32; 1 + PAIR_COUNT] {
+    ) -> [f32; ORDERS] {
         let plan = context.plan;
         let all: f32 = peaks.iter().map(|p| p.peak).sum();
-        let mut scores = [0.0; 1 + PAIR_COUNT];
+        let mut scores = [0.0; ORDERS];
         for known in self.known.iter_mut().filter(|k| k.found > 0) {
             if step.wrapping_sub(known.segment) > LASTS {
                 known.found = 0;
@@ -240,11 +245,19 @@ impl Exchange {
             let [low, high] = [-half, half].map(|up| {
                 wavefront::arrivals(&plan.geometry, &wavefront::stepped(&at, &e, 0.0, up), plan.curvature)
             });
-            for (score, pair) in scores.iter_mut().zip(0u8..) {
-                let [low, high] = [low, high].map(|t| wavefront::pair_delays(&exchanged(t, pair)));
-                let heard = low.iter().zip(&high).enumerate();
-                let heard = heard.map(|(p, (low, high))| search.most_between(plan, p, *low, *high));
-                *score += heard.sum::<f32>() / all;
+            for (p, (i, j)) in PAIRS.into_iter().enumerate() {
+                // The pair may hold any two hydrophones, and orders share them.
+                let between = |from: usize, to: usize| {
+                    let [low, high] =
+                        [&low, &high].map(|t| t.get(to).zip(t.get(from)).map_or(0.0, |(b, a)| b - a));
+                    if from == to { 0.0 } else { search.most_between(plan, p, low, high) / all }
+                };
+                let value: [[f32; CHANNELS]; CHANNELS] =
+                    core::array::from_fn(|from| core::array::from_fn(|to| between(from, to)));
+                for (score, order) in scores.iter_mut().zip(0u8..) {
+                    let (from, to) = (held(order, i), held(order, j));
+                    *score += value.get(from).and_then(|of| of.get(to)).unwrap_or(&0.0);
+                }
             }
         }
         scores
@@ -254,10 +267,10 @@ impl Exchange {
     /// delays. Where another one is that the pairs hear alone, if they hear none of these.
     #[inline(never)]
     fn through(&mut self, plan: &Plan, peaks: &[PairPeaks; PAIR_COUNT], step: u32) -> Option<Direction> {
-        let mut heard = false;
+        let mut any = false;
         for known in self.known.iter_mut().filter(|k| k.found > 0) {
             let arrivals = wavefront::arrivals(&plan.geometry, &known.expected(step), plan.curvature);
-            let mut delays = wavefront::pair_delays(&exchanged(arrivals, self.pair));
+            let mut delays = wavefront::pair_delays(&heard(&arrivals, self.order));
             let mut weight = [EXPECTED; PAIR_COUNT];
             let drift = DRIFT_RAD * step.wrapping_sub(known.segment) as f32;
             let each = delays.iter_mut().zip(&mut weight).zip(peaks).zip(&plan.crossing_s);
@@ -267,13 +280,13 @@ impl Exchange {
                 }
             }
             if weight.iter().sum::<f32>() >= HEARD {
-                known.take(seen(plan, &delays, &weight, self.pair), step);
-                heard = true;
+                known.take(seen(plan, &delays, &weight, self.order), step);
+                any = true;
             }
         }
         let delays = peaks.map(|p| p.delay_s);
-        let alone = !heard && report::closure(&delays) * plan.rate_hz < CLOSED_SAMPLES;
-        alone.then(|| seen(plan, &delays, &[1.0; PAIR_COUNT], self.pair))
+        let alone = !any && report::closure(&delays) * plan.rate_hz < CLOSED_SAMPLES;
+        alone.then(|| seen(plan, &delays, &[1.0; PAIR_COUNT], self.order))
     }
 
     /// The place of the vessel that is expected in a direction.
@@ -302,22 +315,10 @@ impl Exchange {
     }
 }
 
-/// The direction of delays that the pairs hear with the channels of a pair exchanged, each with its weight.
+/// The direction of delays that the pairs hear with the channels in this order, each with its weight.
 #[inline(never)]
-fn seen(plan: &Plan, delays: &[f32; PAIR_COUNT], weight: &[f32; PAIR_COUNT], pair: u8) -> Direction {
-    unit(&vector(plan, &duals(plan), &exchanged(times(delays, weight), pair)))
-}
-
-/// Arrival times with the channels of a pair (counted from 1; 0: none) exchanged.
-#[inline(never)]
-fn exchanged(mut arrivals: [f32; CHANNELS], pair: u8) -> [f32; CHANNELS] {
-    let pair = usize::from(pair).checked_sub(1).and_then(|n| PAIRS.get(n));
-    if let Some((i, j)) = pair
-        && let Ok([a, b]) = arrivals.get_disjoint_mut([*i, *j])
-    {
-        core::mem::swap(a, b);
-    }
-    arrivals
+fn seen(plan: &Plan, delays: &[f32; PAIR_COUNT], weight: &[f32; PAIR_COUNT], order: u8) -> Direction {
+    unit(&vector(plan, &duals(plan), &heard(&times(delays, weight), inverse(order))))
 }
 
 #[cfg(test)]
@@ -331,18 +332,17 @@ mod tests {
     const RATE_HZ: f32 = 16_000.0;
     const FIRST: (f64, f64) = (1.9, 0.27);
 
-    /// Where a vessel is heard when two channels are exchanged, of a regular tetrahedron.
-    fn image(plan: &Plan, (azimuth, elevation): (f64, f64), pair: u8) -> (f64, f64) {
+    /// Where a vessel is heard when the channels are in an order, of a regular tetrahedron.
+    fn image(plan: &Plan, (azimuth, elevation): (f64, f64), order: u8) -> (f64, f64) {
         let u = unit_vector(azimuth as f32, elevation as f32);
         let t = wavefront::arrivals(&plan.geometry, &u, 0.0);
-        let (azimuth, elevation) =
-            wavefront::angles(&unit(&vector(plan, &duals(plan), &exchanged(t, pair + 1))));
+        let (azimuth, elevation) = wavefront::angles(&unit(&vector(plan, &duals(plan), &heard(&t, order))));
         (f64::from(azimuth), f64::from(elevation))
     }
 
-    /// Two vessels, the second 0.2 rad beside where an exchange of the pair puts the first, for half a minute.
-    fn two(plan: &Plan, pair: u8, seed: u64) -> (Vec<[f64; CHANNELS]>, (f64, f64)) {
-        let (azimuth, _) = image(plan, FIRST, pair);
+    /// Two vessels, the second 0.2 rad beside where an order of the channels puts the first, for half a minute.
+    fn two(plan: &Plan, order: u8, seed: u64) -> (Vec<[f64; CHANNELS]>, (f64, f64)) {
+        let (azimuth, _) = image(plan, FIRST, order);
         let second = (azimuth + 0.2, 0.2);
         let mut sea = noisy(source(plan, FIRST, 3.0, None, 30, seed), seed ^ 1);
         for (sum, x) in sea.iter_mut().zip(source(plan, second, 2.0, None, 30, seed ^ 2)) {
@@ -354,24 +354,31 @@ mod tests {
     #[test]
     fn an_exchange_that_puts_a_vessel_beside_another_is_said_and_nothing_told_until_it_ends() {
         let plan = plan(f64::from(RATE_HZ));
-        for (pair, seed) in [(0u8, 21), (3, 22)] {
-            let (mut sea, second) = two(&plan, pair, seed);
-            let (i, j) = PAIRS[usize::from(pair)];
+        // Two exchanged, two and two, three, and a slip by one.
+        let orders = [
+            (1u8, [1, 0, 2, 3]),
+            (4, [0, 2, 1, 3]),
+            (8, [2, 3, 0, 1]),
+            (12, [1, 3, 2, 0]),
+            (18, [1, 2, 3, 0]),
+        ];
+        for (seed, (order, held)) in (21..).zip(orders) {
+            let (mut sea, second) = two(&plan, order, seed);
             let at = |seconds: f32| (seconds * RATE_HZ) as usize;
-            sea[at(14.3)..at(21.3)].iter_mut().for_each(|x| x.swap(i, j));
+            sea[at(14.3)..at(21.3)].iter_mut().for_each(|x| *x = held.map(|h: usize| x[h]));
             let heard = hear(&plan, &sea);
             let told: Vec<_> = heard.faults.iter().filter(|f| f.0 == FaultCode::Inconsistent).collect();
-            assert!(matches!(told[..], [(_, _, s)] if (14.0..18.0).contains(s)), "{pair}: {told:?}");
+            assert!(matches!(told[..], [(_, _, s)] if (14.0..18.0).contains(s)), "{order}: {told:?}");
             let seconds = |b: &crate::wire::Bearing| b.index as f32 / RATE_HZ;
             let meanwhile = |b: &&crate::wire::Bearing| (15.0..21.0).contains(&seconds(b));
-            assert_eq!(heard.bearings.iter().filter(meanwhile).count(), 0, "{pair}");
+            assert_eq!(heard.bearings.iter().filter(meanwhile).count(), 0, "{order}");
             let back = heard.bearings.iter().filter(|b| seconds(b) > 25.0);
             let right = back.clone().filter(|b| {
                 let near = |of| error_from(b, of).0.abs() < 0.05;
                 near(FIRST) || near(second)
             });
             let (back, right) = (back.count(), right.count());
-            assert!(back >= 8 && right == back, "{pair}: {right} of {back}");
+            assert!(back >= 8 && right == back, "{order}: {right} of {back}");
         }
     }
 
@@ -423,7 +430,7 @@ mod tests {
     #[test]
     fn where_nothing_is_exchanged_two_vessels_are_told_all_the_time() {
         let plan = plan(f64::from(RATE_HZ));
-        let (sea, _) = two(&plan, 0, 23);
+        let (sea, _) = two(&plan, 1, 23);
         let heard = hear(&plan, &sea);
         assert!(heard.faults.iter().all(|f| f.0 == FaultCode::Impulses), "{:?}", heard.faults);
         assert!(heard.bearings.iter().filter(|b| b.band == 0).count() > 55, "{}", heard.bearings.len());

@@ -1,8 +1,9 @@
-//! What takes the vector of four arrival times from where it should be to where it is: nothing, a late hydrophone, two exchanged.
+//! What takes the vector of four arrival times from where it should be to where it is: nothing, a late hydrophone, channels in another order.
 //!
 //! Enters: both vectors and how certain each is ([`super::change`]). Leaves: what explains the way between them, if something does.
-//! Cost: about 1000 instructions where it is far.
+//! Cost: about 3000 instructions where it is far.
 
+use super::order::{ORDERS, SWAPS, heard, inverse};
 use super::plan::Plan;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
@@ -19,20 +20,22 @@ const BACK: f32 = 12.0;
 const THERE: f32 = 14.0;
 /// The same where it should be is hardly known: nine in ten are within.
 const THERE_OF_FEW: f32 = 6.0;
-/// By so much less well may exchanged channels explain it and still be taken for what it is, where a late one explains it too: bearings of a late channel are
-/// told, of exchanged ones they are not. By so much better must they where they were exchanged before.
+/// By so much less well may two exchanged channels explain it and still be taken for what it is, where a late one explains it too: bearings of a late channel are
+/// told, of exchanged ones they are not. By so much better must they where they were exchanged before, and at any time three or four that
+/// change places, of which there are 17.
 pub(super) const EITHER: f32 = 4.0;
 /// How often arrival times are fitted to the pairs': each time leaves a quarter of what was missing.
 const ROUNDS: usize = 4;
 /// Delays looked for, samples.
 const DELAYS: (f32, f32) = (0.4, 8.0);
 
-/// What changed: nothing, hydrophone `n − LATE` late, pair `n − EXCHANGED` exchanged, or it cannot be told.
+/// What changed: nothing, hydrophone `n − LATE` late, channels in the order `n − ORDERED` ([`super::order`]; from [`EXCHANGED`] on), or it cannot be told.
 pub(super) type What = u8;
 pub(super) const NOTHING: What = 0;
 pub(super) const LATE: What = 1;
 pub(super) const EXCHANGED: What = LATE + CHANNELS as u8;
-pub(super) const ELSEWHERE: What = EXCHANGED + PAIR_COUNT as u8;
+pub(super) const ORDERED: What = EXCHANGED - 1;
+pub(super) const ELSEWHERE: What = ORDERED + ORDERS as u8;
 
 /// Where a vector is, against where it should be.
 pub(super) struct Jump<'a> {
@@ -98,18 +101,17 @@ impl Jump<'_> {
                 (best, least) = ((what, delay_s), chi2);
             }
         }
-        let heard = arrivals(self.plan, &self.to);
-        for ((i, j), what) in PAIRS.into_iter().zip(EXCHANGED..) {
-            // Exchanged back: what is uncertain up and down is so in the true order alone.
-            let mut t = heard;
-            if let Ok([a, b]) = t.get_disjoint_mut([i, j]) {
-                core::mem::swap(a, b);
-            }
+        let told = arrivals(self.plan, &self.to);
+        let orders = if self.few { 1 + SWAPS } else { ORDERS };
+        for order in 1..orders as u8 {
+            // In order again: what is uncertain up and down is so in the true order alone.
+            let t = heard(&told, inverse(order));
             let off = difference(&vector(self.plan, &self.duals, &t), &self.from);
+            let either = if usize::from(order) > SWAPS { -EITHER } else { self.either };
             let chi2 = self.inner(&off, &off, &exchanged);
             let there = if self.few { THERE_OF_FEW } else { THERE };
-            if chi2 < there && chi2 < least + self.either {
-                (best, least) = ((what, 0.0), chi2 - self.either);
+            if chi2 < there && chi2 < least + either {
+                (best, least) = ((ORDERED + order, 0.0), chi2 - either);
             }
         }
         best
