@@ -2,8 +2,8 @@
 //! meanwhile and afterwards right or withheld?
 //!
 //! A vessel passes 500 m away at 10 and 0 dB in ambient noise of its own spectrum, 64 kHz, array without any symmetry, so that
-//! exchanged channels contradict each other. The channel is sick from the second second on, alone or with another. Near: inverted,
-//! exchanged, one or two samples late while a vessel passes 200 m from an array 60 m deep, where it is heard apart from its image in the
+//! exchanged channels contradict each other. The channel is sick from the second second on, alone or with another, or all four slip by a
+//! slot or two of their converter's line. Near: inverted, exchanged, slipped, one or two samples late while a vessel passes 200 m from an array 60 m deep, where it is heard apart from its image in the
 //! surface, in the demo's noise; and the same with nothing wrong, of which nothing is to be said. A bearing is wrong where it is off by more
 //! than four of its standard deviations and 0.1°; one that states more than 5° counts as withheld.
 
@@ -27,7 +27,7 @@ use seabearing_core::wire::FaultCode;
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
     name: "sea-sick",
-    about: "one channel or two deaf, noisy, inverted, late, exchanged or leaking: named, and bearings right or withheld",
+    about: "one channel or two deaf, noisy, inverted, late, exchanged or leaking, or all slipped: named, and bearings right or withheld",
     run,
 };
 
@@ -54,6 +54,8 @@ enum Sickness {
     Inverted,
     Late,
     Exchanged,
+    /// Each channel holds the hydrophone so many slots on.
+    Slipped(usize),
     Leaking(f64),
     Common,
     /// So many samples late.
@@ -61,7 +63,7 @@ enum Sickness {
     Well,
 }
 
-const ALL: [(Sickness, &str); 10] = [
+const ALL: [(Sickness, &str); 12] = [
     (Sickness::Silent, "silent"),
     (Sickness::Copied, "copy of another"),
     (Sickness::OwnNoise, "its own noise alone"),
@@ -72,6 +74,8 @@ const ALL: [(Sickness, &str); 10] = [
     (Sickness::Leaking(0.3), "leaking at -10 dB"),
     (Sickness::Leaking(0.1), "leaking at -20 dB"),
     (Sickness::Common, "noise common to all"),
+    (Sickness::Slipped(1), "all slipped by a slot"),
+    (Sickness::Slipped(2), "all slipped by two slots"),
 ];
 
 /// Two channels sick at once, the second of them the one after the next. What none can see is not among them: a channel
@@ -85,9 +89,10 @@ const TWO: [(Sickness, Sickness, &str); 5] = [
 ];
 
 /// What is wrong near a vessel.
-const NEAR: [(Sickness, &str); 5] = [
+const NEAR: [(Sickness, &str); 6] = [
     (Sickness::Inverted, "near, inverted"),
     (Sickness::Exchanged, "near, exchanged with another"),
+    (Sickness::Slipped(1), "near, all slipped by a slot"),
     (Sickness::Late, "near, a sample late"),
     (Sickness::LateBy(2), "near, two samples late"),
     (Sickness::Well, "near, nothing"),
@@ -120,6 +125,7 @@ impl Sickness {
                 Self::Late => frame[channel] = before,
                 Self::LateBy(_) | Self::Well => {}
                 Self::Exchanged => frame.swap(channel, other),
+                Self::Slipped(slots) => frame.rotate_left(slots),
                 Self::Leaking(gain) => frame[channel] += (gain * f64::from(frame[other])) as i32,
                 Self::Common => {
                     let x = noise(1.0);
@@ -140,7 +146,9 @@ impl Sickness {
             Self::OwnNoise | Self::Noisy => own && matches!(code, F::OwnNoise),
             Self::Inverted => own && matches!(code, F::Inverted),
             Self::Well => false,
-            Self::Late | Self::LateBy(_) | Self::Exchanged | Self::Common => matches!(code, F::Inconsistent),
+            Self::Late | Self::LateBy(_) | Self::Exchanged | Self::Slipped(_) | Self::Common => {
+                matches!(code, F::Inconsistent)
+            }
             Self::Leaking(_) => own && matches!(code, F::Leaking),
         }
     }
