@@ -1,6 +1,5 @@
 //! The command `seabearing`.
 
-use clap::Parser;
 use clap::error::ErrorKind;
 use seabearing::cmd::{Cli, Missed, Mistake, logging};
 use seabearing::standard_input;
@@ -9,7 +8,7 @@ use std::io::Write;
 fn main() -> std::process::ExitCode {
     // Standard input may be read while the arguments are.
     seabearing::interrupt::watch();
-    let status = match Cli::try_parse() {
+    let status = match Cli::read(std::env::args_os()) {
         Ok(cli) => run(cli),
         Err(error) => usage(&error),
     };

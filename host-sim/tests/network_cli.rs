@@ -233,7 +233,7 @@ fn what_cannot_be_located_is_said_in_one_line() {
     std::fs::write(&one, rows.replacen("azimuth_deg,\n", "azimuth_deg,elevation_deg\n", 1)).unwrap();
     let said = refusal(&["locate", "--stations", s, "--motion", one.to_str().unwrap()]);
     assert!(said.contains("one.csv") && said.contains("not observable"), "{said}");
-    assert!(refusal(&["locate", "--stations", s, "--tau-s=-1", b]).contains("--tau-s"));
+    assert!(refusal(&["locate", "--stations", s, "--tau-s", "-1", b]).contains("--tau-s"));
     assert!(refusal(&["locate", "--stations", s, "--dept-m", "5", b]).contains("--depth-m"));
     assert!(refusal(&["locate"]).contains("--stations"));
     assert!(refusal(&["locate", "--stations", s, "missing.csv"]).contains("missing.csv"));

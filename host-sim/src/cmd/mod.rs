@@ -151,6 +151,27 @@ pub struct Cli {
     pub verbosity: clap_verbosity_flag::Verbosity<clap_verbosity_flag::InfoLevel>,
 }
 
+impl Cli {
+    /// Reads the command line: program, then arguments.
+    ///
+    /// # Errors
+    /// It is none, or asks for help.
+    pub fn read(words: impl IntoIterator<Item = std::ffi::OsString>) -> Result<Self, clap::Error> {
+        let mut command = signed(<Self as clap::CommandFactory>::command());
+        let mut matches = command.try_get_matches_from_mut(words)?;
+        <Self as clap::FromArgMatches>::from_arg_matches_mut(&mut matches).map_err(|e| e.format(&mut command))
+    }
+}
+
+/// Every option takes a number with its sign (`--depth-m -5`), so that one out of its bounds is told them.
+fn signed(command: clap::Command) -> clap::Command {
+    let signed_option = |arg: clap::Arg| {
+        let option = arg.get_long().is_some() && arg.get_action().takes_values();
+        if option { arg.allow_negative_numbers(true) } else { arg }
+    };
+    command.mut_args(signed_option).mut_subcommands(signed)
+}
+
 /// A file that is read, or `-` for standard input.
 fn input() -> impl clap::builder::TypedValueParser<Value = std::path::PathBuf> {
     use clap::builder::TypedValueParser;
@@ -284,5 +305,22 @@ mod tests {
     fn every_command_is_put_together_soundly() {
         <super::Subcommand as clap::Subcommand>::augment_subcommands(clap::Command::new("seabearing"))
             .debug_assert();
+    }
+
+    #[test]
+    fn numbers_with_a_sign_need_no_equals_sign() {
+        let read = |words: &str| super::Cli::read(words.split(' ').map(Into::into));
+        for words in [
+            "seabearing locate --stations s.toml --depth-m -5 b.csv",
+            "seabearing locate --stations s.toml --sigma-azimuth-deg -1.5e0 b.csv",
+            "seabearing config check s.toml --max-range-m -2",
+            "seabearing orient --station s.toml --track t.csv b.csv --eta -0.9 1.1",
+            "seabearing shaft-rate a.wav --station s.toml --speed-curve -0.5,3.1,0.2",
+        ] {
+            assert!(read(words).is_ok(), "{words}: {}", read(words).err().unwrap());
+        }
+        // What is no option's is still none.
+        assert!(read("seabearing locate --stations s.toml --json -5 b.csv").is_err());
+        assert!(read("seabearing locate --stations s.toml --depth-m --json b.csv").is_err());
     }
 }

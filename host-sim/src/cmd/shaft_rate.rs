@@ -35,7 +35,7 @@ pub struct Args {
     false_rates_per_hour: f64,
     /// Speed of the fleet from its shaft rate: speed at rate zero (m/s), metres a turn, standard deviation (m/s); instead
     /// of the station file's `speed_from_shaft`.
-    #[arg(long, value_name = "A,B,SD", value_delimiter = ',')]
+    #[arg(long, value_name = "A,B,SD", value_delimiter = ',', allow_hyphen_values = true)]
     speed_curve: Option<Vec<f64>>,
     /// Blades of the fleet's propellers, where alike.
     #[arg(long)]
