@@ -32,6 +32,7 @@ mod mseed_scan;
 mod mseed_strays;
 mod pick;
 mod placing;
+mod rate;
 mod raw;
 mod resample;
 mod sac;
@@ -264,7 +265,7 @@ impl Recording {
             for complaint in complaints {
                 complain(&format!("left out {complaint}"));
             }
-            return Ok(of(Found::Seismic(Box::new(mseed::Components::find(seismic, station)?))));
+            return Ok(of(Found::Seismic(Box::new(mseed::Components::find(seismic, station)?))).said());
         }
         let reading = sequence::Reading {
             rate_hz: config.rate_hz,
@@ -277,7 +278,7 @@ impl Recording {
             },
             offset: asked.name_offset.or(station.name_offset).unwrap_or(UtcOffset::UTC),
         };
-        Ok(of(Found::Audio(sequence::Parts::find(audio, &reading, complaints)?)))
+        Ok(of(Found::Audio(sequence::Parts::find(audio, &reading, complaints)?)).said())
     }
 
     /// Codes of a station's recorder that are in memory already, of which there are so many in a second.
@@ -305,6 +306,12 @@ impl Recording {
     /// Offset of the times in names from UTC, where somebody told it.
     pub fn name_offset(&self) -> Option<UtcOffset> {
         self.name_offset
+    }
+
+    /// The same, said what is done where its rate is far above the recorder's.
+    fn said(self) -> Self {
+        rate::said(self.file_rate_hz(), self.rate_hz).iter().for_each(|said| complain(said));
+        self
     }
 
     /// Samples a second in the files.

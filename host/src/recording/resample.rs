@@ -11,11 +11,13 @@
 //!
 //! Of an ocean-bottom station spikes are put right before, at the file's own rate and by the recorder's hand (`mended`), for the filter would
 //! spread them over seconds in which nobody finds them. What a spike added is in the one sample nearest to it, as the station's own converter
-//! would have it there: the recorder finds it, puts it right and counts it as always.
+//! would have it there: the recorder finds it, puts it right and counts it as always. Of files above [`ALIKE`] times the recorder's rate, which are no
+//! such converter's, what short sounds add is the share that is left of them behind the station's own filter: `to / from`.
 //!
 //! Cost: `ZEROS` · (higher rate / lower rate) multiplications a channel and output sample.
 
 use super::BlockSource;
+use super::rate::ALIKE;
 use crate::ocean_bottom::mended::Mended;
 use anyhow::{Result, anyhow};
 use rubato::audioadapter_buffers::direct::SequentialSliceOfVecs;
@@ -45,8 +47,8 @@ pub(super) struct Resampled {
     phases: (usize, usize),
     taps: usize,
     full_scale: i32,
-    /// Whether spikes are put right.
-    mends: bool,
+    /// Where spikes are put right, how much of what each added is in the output.
+    left: Option<f64>,
     filter: Option<Filter>,
     /// The block held back because a new stretch begins with it: its first index and frames.
     waiting: Option<(u64, Vec<Frame>)>,
@@ -62,8 +64,8 @@ struct Filter {
     /// What is subtracted from each channel while filtered, and its last value.
     offset: [f64; CHANNELS],
     last: [f64; CHANNELS],
-    /// What spikes are put right in, and codes that came, of those that are not filtered yet.
-    mended: Option<(Mended, Vec<Frame>)>,
+    /// What spikes are put right in, codes that came, of those that are not filtered yet, and how much of what each added is left.
+    mended: Option<(Mended, Vec<Frame>, f64)>,
     /// Marks of input samples not yet passed by the output, a bit a channel: missing, then at the top, then at the bottom. And what a spike
     /// added to each.
     marks: VecDeque<(u16, Frame)>,
@@ -97,7 +99,7 @@ impl Resampled {
             phases: ratio(from_hz, to_hz),
             taps: taps.next_multiple_of(8),
             full_scale,
-            mends: false,
+            left: None,
             filter: None,
             waiting: None,
             frames: Vec::new(),
@@ -107,7 +109,8 @@ impl Resampled {
 
     /// The same of a source in which spikes are put right.
     pub(super) fn mending(self) -> Self {
-        Self { mends: true, ..self }
+        let left = if self.ratio * ALIKE < 1.0 { self.ratio } else { 1.0 };
+        Self { left: Some(left), ..self }
     }
 
     fn begin(&self, first: u64, frame: Frame) -> Result<Filter> {
@@ -144,7 +147,7 @@ impl Resampled {
             output: vec![vec![0.0; room]; CHANNELS],
             offset,
             last: [0.0; CHANNELS],
-            mended: self.mends.then(|| (Mended::new(), Vec::new())),
+            mended: self.left.map(|left| (Mended::new(), Vec::new(), left)),
             marks: VecDeque::new(),
             marked: 0,
             taken: 0,
@@ -162,8 +165,8 @@ impl Filter {
     /// Takes frames that follow on.
     fn push(&mut self, frames: &[Frame], full_scale: i32) {
         self.next += frames.len() as u64;
-        let Some((mended, came)) = &mut self.mended else {
-            return frames.iter().for_each(|frame| self.take(frame, frame, full_scale));
+        let Some((mended, came, _)) = &mut self.mended else {
+            return frames.iter().for_each(|frame| self.take(frame, frame, 1.0, full_scale));
         };
         mended.extend(frames);
         came.extend_from_slice(frames);
@@ -172,17 +175,17 @@ impl Filter {
 
     /// Filters what stays as it is of what is looked at for spikes: all where the stretch has `ended`.
     fn settle(&mut self, ended: bool, full_scale: i32) {
-        let Some((mut mended, mut came)) = self.mended.take() else { return };
+        let Some((mut mended, mut came, left)) = self.mended.take() else { return };
         let settled = mended.settled(ended).to_vec();
         for (frame, came) in settled.iter().zip(came.drain(..settled.len())) {
-            self.take(frame, &came, full_scale);
+            self.take(frame, &came, left, full_scale);
         }
         mended.drop_before(mended.first() + settled.len() as u64);
-        self.mended = Some((mended, came));
+        self.mended = Some((mended, came, left));
     }
 
-    /// Takes the next frame, as it is after `came` was put right.
-    fn take(&mut self, frame: &Frame, came: &Frame, full_scale: i32) {
+    /// Takes the next frame, as it is after `came` was put right; of what a spike added so much is `left`.
+    fn take(&mut self, frame: &Frame, came: &Frame, left: f64, full_scale: i32) {
         let (mut mark, mut added) = (0u16, [0; CHANNELS]);
         let spike = frame != came;
         for (c, (x, came)) in frame.iter().zip(came).enumerate() {
@@ -192,9 +195,10 @@ impl Filter {
                 // The vertical component, which is not looked at, stands still meanwhile.
                 let stands = spike && c + 1 == CHANNELS;
                 self.last[c] = if stands { self.last[c] } else { f64::from(*x) - self.offset[c] };
-                added[c] = came.saturating_sub((self.last[c] + self.offset[c]) as i32);
+                let high = came.saturating_sub((self.last[c] + self.offset[c]) as i32);
+                added[c] = (left * f64::from(high)).round() as i32;
                 // What was a spike at full scale is none that is clipped.
-                let whole = added[c] == 0;
+                let whole = high == 0;
                 mark |= u16::from(whole && *x >= full_scale - 1) << (4 + c)
                     | u16::from(whole && *x <= -full_scale) << (8 + c);
             }
@@ -308,10 +312,8 @@ impl BlockSource for Resampled {
 
 #[cfg(test)]
 mod tests {
+    use super::super::rate::PASS;
     use super::*;
-
-    /// Share of half the lower rate that passes unchanged.
-    const PASS: f64 = 0.88;
 
     /// Blocks of a function of the sample's index, in stretches of indices.
     struct Made<F>(F, Vec<std::ops::Range<u64>>, Vec<Frame>);
@@ -350,16 +352,22 @@ mod tests {
         out
     }
 
-    const RATES_HZ: [(f64, f64); 8] = [
+    const RATES_HZ: [(f64, f64); 9] = [
         (192_000.0, 64_000.0),
         (96_000.0, 64_000.0),
         (44_100.0, 16_000.0),
         (500.0, 50.0),
+        (8000.0, 50.0),
         (125.0, 50.0),
         (62.5, 50.0),
         (16.0, 50.0),
         (100.003, 50.0),
     ];
+
+    /// Samples of which more are left than a sinc covers at either end.
+    fn enough(from_hz: f64, to_hz: f64) -> u64 {
+        12_000u64.max((1_400.0 * from_hz / to_hz) as u64)
+    }
 
     #[test]
     fn a_tone_in_the_pass_band_stays_where_and_what_it_is() {
@@ -367,7 +375,7 @@ mod tests {
             for share in [0.01, 0.5, PASS] {
                 let hz = share * from_hz.min(to_hz) / 2.0;
                 let tone = move |t: f64| 4e6 * (std::f64::consts::TAU * hz * t + 0.7).sin();
-                let n = 12_000u64;
+                let n = enough(from_hz, to_hz);
                 let got = resampled(
                     move |i| [tone(i as f64 / from_hz) as i32; 4],
                     std::slice::from_ref(&(0..n)),
@@ -398,7 +406,7 @@ mod tests {
             let hz = 0.5 * to_hz * 1.001;
             let tone =
                 move |i: u64| [(8e6 * (std::f64::consts::TAU * hz * i as f64 / from_hz).sin()) as i32; 4];
-            let got = resampled(tone, std::slice::from_ref(&(0..12_000)), from_hz, to_hz);
+            let got = resampled(tone, std::slice::from_ref(&(0..enough(from_hz, to_hz))), from_hz, to_hz);
             let inside = &got[2 * ZEROS..got.len() - 2 * ZEROS];
             let worst = inside.iter().map(|(_, f)| f[1].abs()).max().unwrap();
             // 120 dB below 8·10⁶ codes, and rounding.
@@ -423,6 +431,26 @@ mod tests {
         assert!((2001..2003).all(|i| at(i)[1] == MISSING && at(i)[0] == 1_000_000));
         assert_eq!((at(1995)[1], at(2010)[1]), (1_000_000, 1_000_000));
         assert_eq!(at(3000)[2..], [0x7f_ffff, -0x80_0000]);
+    }
+
+    #[test]
+    fn of_a_file_of_a_far_higher_rate_short_sounds_are_what_is_left_of_them() {
+        let of = |i: u64| [(1e5 * (i as f64 * 5.0 * std::f64::consts::TAU / 8000.0).sin()) as i32; 4];
+        let snaps = move |i: u64| of(i).map(|x| x + if i % 1603 == 801 { 400_000 } else { 0 });
+        let run = |of: Box<dyn Fn(u64) -> Frame>| {
+            let made = Box::new(Made(of, std::iter::once(0..80_000).collect(), Vec::new()));
+            let mut source = Resampled::new(made, 8000.0, 50.0, 1 << 23).mending();
+            let mut out = Vec::new();
+            while let Some(b) = source.next_block().unwrap() {
+                out.extend(b.frames.iter().copied());
+            }
+            out
+        };
+        let (clean, heard) = (run(Box::new(of)), run(Box::new(snaps)));
+        assert_eq!((clean.len(), heard.len()), (500, 500));
+        let off = |c: usize| clean.iter().zip(&heard).map(|(a, b)| (a[c] - b[c]).abs()).max().unwrap();
+        // One sample of 160, whether it is found or not, and two where they fall into one.
+        assert!((0..4).all(|c| (1500..6000).contains(&off(c))), "{:?}", [0, 1, 2, 3].map(off));
     }
 
     #[test]
