@@ -110,6 +110,29 @@ fn bad_scenarios_are_named_by_key_and_line() {
 }
 
 #[test]
+fn an_array_too_long_for_its_rate_is_simulated_no_more_than_processed() {
+    let dir = simulated();
+    // Forty times as long: 81 m.
+    let places =
+        "[[0.0, 42.492, -15.024], [36.8, -21.248, -15.024], [-36.8, -21.248, -15.024], [0.0, 0.0, 45.068]]";
+    let (before, rest) = STATION.split_once("hydrophones_m = ").unwrap();
+    let (_, after) = rest.split_once('\n').unwrap();
+    let long = format!("{before}hydrophones_m = {places}\n{after}");
+    std::fs::write(dir.path().join("station.toml"), &long).unwrap();
+    let said = ["simulate pass.toml --out long", "process --station station.toml out"].map(|line| {
+        let out = run(&line.split(' ').collect::<Vec<_>>(), dir.path());
+        let said = String::from_utf8(out.stderr).unwrap();
+        assert!(
+            !out.status.success() && said.lines().count() == 1 && said.contains("rate_hz"),
+            "{line}: {said}"
+        );
+        said.rsplit_once("station.toml, ").unwrap().1.to_owned()
+    });
+    assert_eq!(said[0], said[1]);
+    assert!(!dir.path().join("long").exists());
+}
+
+#[test]
 fn a_track_file_with_a_bad_row_is_used_without_it() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("station.toml"), STATION).unwrap();

@@ -158,11 +158,11 @@ impl ScenarioFile {
     /// Reads the station file that the key `station` names (relative to the scenario's folder), of the scenario's kind.
     ///
     /// # Errors
-    /// It cannot be used, or is of another kind.
+    /// It cannot be used, is of another kind, or no recorder's chain can take its array.
     pub fn station(&self, path: &Path) -> Result<StationFile> {
         let path = self.folder.join(path);
         let source = TomlFile::read(&path, "station file").with_context(|| self.source.at("station"))?;
-        let station = Station::of(&source, path.parent().unwrap_or(Path::new(".")))?;
+        let station = Station::recordable(&source, path.parent().unwrap_or(Path::new(".")))?;
         let suits = match station.config.kind {
             config::Kind::Array(_) => self.kind == ScenarioKind::Array,
             config::Kind::Obs(_) => self.kind == ScenarioKind::Obs,

@@ -98,7 +98,11 @@ impl Station {
         Self::recordable(&TomlFile::read(path, "station file")?, folder)
     }
 
-    fn recordable(source: &TomlFile, folder: &Path) -> Result<Self> {
+    /// As [`Station::of_recorder`], of a file as read: what is processed and what is simulated is refused in the same words.
+    ///
+    /// # Errors
+    /// As [`Station::read`].
+    pub fn recordable(source: &TomlFile, folder: &Path) -> Result<Self> {
         let station = Self::of(source, folder)?;
         let error = match &station.config.kind {
             Kind::Array(_) => array::Plan::new(&station.config).err(),
