@@ -6,6 +6,7 @@ use crate::bounds::network::{Bearings, Passage, at, centre, passage};
 use crate::bounds::picture;
 use crate::orientation::network_file::Network;
 use crate::orientation::over_time::SOURCE_DEPTH_M;
+use crate::orientation::unchecked;
 use anyhow::{Context, Result, bail};
 use seabearing_core::angle::RAD_PER_DEG;
 use seabearing_core::kit::median;
@@ -102,6 +103,9 @@ pub fn run(args: &CheckArgs) -> Result<()> {
         depth_m,
     };
     let record = record(&network, &of, &pass, max_range_m);
+    if let Some(said) = unchecked::of_stations(network.stations.len()) {
+        log::warn!("{said}");
+    }
     if let Some(folder) = &args.plots {
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot make folder {}", folder.display()))?;
@@ -142,6 +146,7 @@ fn record(network: &Network, of: &Bearings, pass: &Passage, half_m: f64) -> Valu
     let rows: Vec<Value> = SHARES.iter().map(|share| row(network, of, pass, share * half_m)).collect();
     json!({
         "type": "network", "stations": stations, "pairs": pairs, "centre_m": [x0, y0],
+        "azimuths_alone_checked": unchecked::of_stations(network.stations.len()).is_none(),
         "sigma_azimuth_deg": of.sd_azimuth / RAD_PER_DEG, "sigma_elevation_deg": of.sd_elevation / RAD_PER_DEG,
         "source_depth_m": of.depth_m, "speed_m_s": pass.speed_m_s, "passage_s": pass.duration_s, "every_s": pass.every_s,
         "expected_accuracy": rows,

@@ -7,6 +7,7 @@ use crate::orientation::network_file::{Network, NetworkBearings, read_rows};
 use crate::orientation::over_time::{self, SOURCE_DEPTH_M, heard_by};
 use crate::orientation::record_file;
 use crate::orientation::sets::{SightingSet, gather};
+use crate::orientation::unchecked;
 use crate::orientation::way::Way;
 use crate::record::RecordFormat;
 use anyhow::{Context, Result, bail};
@@ -288,6 +289,9 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
     let way = Way { sound_m_s: network.stations[0].sound_speed_m_s, thrice: heard.of_the_floor };
     let found = lasting::positions(&sets, &settings, &shared, &said, way);
     warn_of_lasting(network, &found);
+    if !found.checked {
+        log::warn!("{}", unchecked::of_positions());
+    }
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     if !args.json {
         writeln!(
@@ -299,7 +303,9 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
     for ((set, fix), given) in found.sets.iter().zip(&found.fixes).zip(&sets) {
         match (fix, args.json) {
             (Ok(fix), true) => {
-                writeln!(out, "{}", dated(record(network, set, fix, given, &way), &clock))?;
+                let mut record = record(network, set, fix, given, &way);
+                record["checked"] = found.checked.into();
+                writeln!(out, "{}", dated(record, &clock))?;
             }
             (Ok(fix), false) => writeln!(out, "{}", line(network, set, fix, given, &way))?,
             (Err(e), true) => {

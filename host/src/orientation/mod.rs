@@ -13,4 +13,5 @@ pub mod over_time;
 pub mod record_file;
 pub mod sets;
 pub mod track_file;
+pub mod unchecked;
 pub mod way;

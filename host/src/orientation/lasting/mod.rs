@@ -11,6 +11,9 @@
 //! Clocks are told against that of the first station, or of the next where that takes less of all others. A station that contradicts the
 //! others in most of the positions is left out of all of them: instant by instant it would now and then take another with it.
 //!
+//! Where no position has more angles than it needs nothing tells of them, and an error looks like a vessel somewhere else: what is
+//! allowed by the file, or usual, is in every position then ([`Positions::checked`]).
+//!
 //! Every position is made anew from bearings without `u`, and what stays unknown of `u` is in its covariance: an orientation's
 //! error is in every position alike, and no number of them averages it out.
 
@@ -62,6 +65,8 @@ pub struct Positions {
     pub sets: Vec<SightingSet>,
     /// One a set.
     pub fixes: Vec<Result<Fix, NetworkError>>,
+    /// Whether any position has more angles than it needs, so that orientations and clocks can show.
+    pub checked: bool,
     /// Of each station, where the stations contradict each other.
     pub contradicted: Option<[Lasting; MAX_ARRAYS]>,
     /// Variance of the residuals over the claimed one, where that is more than chance.
@@ -74,7 +79,8 @@ pub struct Positions {
 
 /// Positions of all sets. `shared`: deviations of what the bearings of each station share, `said`: those among them that
 /// somebody told, 0 where nobody did. What is not told is looked for, and is in no position unless it is found. A position is
-/// where the vessel was one mean way of the sound before the set's time ([`Way::mean_s`]).
+/// where the vessel was one mean way of the sound before the set's time ([`Way::mean_s`]). Where nothing checks them
+/// ([`Positions::checked`]) all of `shared` is in every position.
 pub fn positions(
     sets: &[SightingSet],
     settings: &FixSettings,
@@ -91,6 +97,8 @@ pub fn positions(
     if left_out.is_some() {
         best = Fitted::simplest(&heard, settings, shared, None);
     }
+    let mut made = best.fixes.iter().flatten().peekable();
+    let checked = made.peek().is_none() || made.any(|fix| fix.freedom > 0);
     let told = best.unknowns().max(1.0);
     let excess = best.excess();
     let contradict = excess > misfit_limit(told.ceil() as u32);
@@ -106,7 +114,7 @@ pub fn positions(
                 best = other;
             }
         }
-    } else if said != shared {
+    } else if checked && said != shared {
         best = Fitted::of(&heard, &best.settings, said, None);
     }
     heard.bar.finish_and_clear();
@@ -117,7 +125,7 @@ pub fn positions(
     let agree = contradicted.is_none() && scatter.is_none();
     let fixes = best.stated(scatter.unwrap_or(1.0), agree);
     let sets = heard.sets.to_vec();
-    Positions { sets, fixes, contradicted, scatter, left_out, aside }
+    Positions { sets, fixes, checked, contradicted, scatter, left_out, aside }
 }
 
 /// What was heard, and how far it is.
