@@ -123,7 +123,9 @@ fn an_array_too_long_for_its_rate_is_simulated_no_more_than_processed() {
         let out = run(&line.split(' ').collect::<Vec<_>>(), dir.path());
         let said = String::from_utf8(out.stderr).unwrap();
         assert!(
-            !out.status.success() && said.lines().count() == 1 && said.contains("rate_hz"),
+            !out.status.success()
+                && said.lines().count() == 1
+                && said.contains("a lower rate, or hydrophones nearer together"),
             "{line}: {said}"
         );
         said.rsplit_once("station.toml, ").unwrap().1.to_owned()

@@ -77,10 +77,12 @@ pub(crate) fn words(found: &Belonging) -> String {
         several => format!(" Tracks {} are not drawn: nothing is known of their ranges.", several.join(", ")),
     };
     let placed = found.passages.len() - found.passages.iter().filter(|p| !p.is_placed()).count();
-    let beside = match placed {
-        0..=FEW => "its number and UTC",
-        ..=Look::MOST => "its number (from the eighth on lines are dashed, for colours return)",
-        _ => "its number (colours return after seven)",
+    let beside = if placed <= FEW {
+        "its number and UTC"
+    } else if placed <= Look::MOST {
+        "its number (from the eighth on lines are dashed, for colours return)"
+    } else {
+        "its number (colours return after seven)"
     };
     format!(
         "Straight course of each track through the closest point of its last solution, while it was heard, with {beside}; the arrow shows the \
