@@ -232,7 +232,11 @@ impl Checks {
         let is_hardly_heard = north * north + east * east < HARDLY_HEARD * chance;
         let of_noise = match minute.heard {
             Heard::Nothing => 1.0,
-            Heard::Vessel | Heard::Expected if is_hardly_heard && !minute.several => BESIDE,
+            Heard::Vessel | Heard::Expected
+                if is_hardly_heard && !minute.several && self.own_noise.is_young() =>
+            {
+                BESIDE
+            }
             _ => 0.0,
         };
         if of_noise > 0.0 {

@@ -27,6 +27,9 @@ const UNSURE: f32 = 0.4;
 const MEMORY: f32 = 240.0;
 const BEFORE: f32 = 2.0;
 
+/// Minutes below which any that can be had are better than none.
+const YOUNG: f32 = 60.0;
+
 /// The anisotropy of the noise of the horizontal components, learned.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OwnNoise {
@@ -50,6 +53,11 @@ impl OwnNoise {
         for (x, now) in self.tensor.iter_mut().zip(now) {
             *x += share * (now - *x);
         }
+    }
+
+    /// Whether it is of so few minutes that those whose vessel is hardly heard tell more.
+    pub(super) fn is_young(&self) -> bool {
+        self.minutes < YOUNG
     }
 
     /// How much louder noise is along its axis than across it, dB.

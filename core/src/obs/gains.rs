@@ -49,7 +49,7 @@ const LEAST: f32 = 40.0;
 const BY_VESSELS_DB: f64 = 0.7;
 
 /// Ratio below which noise says nothing of the gain, and from which on gain is as likely as noise, dB: noise of one side makes 0.7 dB.
-const ALIKE_DB: f32 = 1.0;
+const ALIKE_DB: f32 = 1.25;
 const UNEQUAL_DB: f32 = 2.0;
 
 /// Probability at which unequal gains are told, and below which they are told to be over, or below this ratio, dB.
