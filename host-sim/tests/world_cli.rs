@@ -110,7 +110,7 @@ fn bad_scenarios_are_named_by_key_and_line() {
 }
 
 #[test]
-fn an_array_too_long_for_its_rate_is_simulated_no_more_than_processed() {
+fn an_array_too_long_for_its_rate_is_simulated_with_a_line() {
     let dir = simulated();
     // Forty times as long: 81 m.
     let places =
@@ -119,19 +119,22 @@ fn an_array_too_long_for_its_rate_is_simulated_no_more_than_processed() {
     let (_, after) = rest.split_once('\n').unwrap();
     let long = format!("{before}hydrophones_m = {places}\n{after}");
     std::fs::write(dir.path().join("station.toml"), &long).unwrap();
-    let said = ["simulate pass.toml --out long", "process --station station.toml out"].map(|line| {
+    let mut said = Vec::new();
+    for (line, done) in
+        [("simulate pass.toml --out long", true), ("process --station station.toml out", false)]
+    {
         let out = run(&line.split(' ').collect::<Vec<_>>(), dir.path());
-        let said = String::from_utf8(out.stderr).unwrap();
+        let told = text(&out.stderr);
+        assert_eq!(out.status.success(), done, "{line}: {told}");
+        let told: Vec<&str> = told.lines().filter(|l| l.contains("samples across the array")).collect();
         assert!(
-            !out.status.success()
-                && said.lines().count() == 1
-                && said.contains("a lower rate, or hydrophones nearer together"),
-            "{line}: {said}"
+            told.len() == 1 && told[0].contains("a lower rate, or hydrophones nearer together"),
+            "{told:?}"
         );
-        said.rsplit_once("station.toml, ").unwrap().1.to_owned()
-    });
-    assert_eq!(said[0], said[1]);
-    assert!(!dir.path().join("long").exists());
+        said.push(told[0].rsplit_once("station.toml, ").unwrap().1.to_owned());
+    }
+    assert!(said[0].starts_with(&*said[1]) && said[0].contains("process what is written"), "{said:?}");
+    assert!(dir.path().join("long/truth.csv").exists());
 }
 
 #[test]

@@ -158,11 +158,11 @@ impl ScenarioFile {
     /// Reads the station file that the key `station` names (relative to the scenario's folder), of the scenario's kind.
     ///
     /// # Errors
-    /// It cannot be used, is of another kind, or no recorder's chain can take its array.
+    /// It cannot be used, or is of another kind.
     pub fn station(&self, path: &Path) -> Result<StationFile> {
         let path = self.folder.join(path);
         let source = TomlFile::read(&path, "station file").with_context(|| self.source.at("station"))?;
-        let station = Station::recordable(&source, path.parent().unwrap_or(Path::new(".")))?;
+        let station = Station::of(&source, path.parent().unwrap_or(Path::new(".")))?;
         let suits = match station.config.kind {
             config::Kind::Array(_) => self.kind == ScenarioKind::Array,
             config::Kind::Obs(_) => self.kind == ScenarioKind::Obs,
@@ -171,6 +171,10 @@ impl ScenarioFile {
         if !suits {
             let what = format!("the scenario is of kind {}, its station is not", self.kind.name());
             return Err(self.source.wrong("station", what));
+        }
+        // Recorders may sample faster than the chain runs: such a recording is processed at a lower rate.
+        if let Some(refused) = station.refused(&source) {
+            log::warn!("{refused}; process what is written with a station file that says so");
         }
         Ok(StationFile { station, source })
     }

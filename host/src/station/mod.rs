@@ -98,17 +98,17 @@ impl Station {
         Self::recordable(&TomlFile::read(path, "station file")?, folder)
     }
 
-    /// As [`Station::of_recorder`], of a file as read: what is processed and what is simulated is refused in the same words.
-    ///
-    /// # Errors
-    /// As [`Station::read`].
-    pub fn recordable(source: &TomlFile, folder: &Path) -> Result<Self> {
+    fn recordable(source: &TomlFile, folder: &Path) -> Result<Self> {
         let station = Self::of(source, folder)?;
-        let error = match &station.config.kind {
-            Kind::Array(_) => array::Plan::new(&station.config).err(),
+        station.refused(source).map_or(Ok(station), Err)
+    }
+
+    /// Why no recorder's chain can take what its hydrophones hear at its rate, as said of the station file; `None` where one can.
+    pub fn refused(&self, source: &TomlFile) -> Option<anyhow::Error> {
+        match &self.config.kind {
+            Kind::Array(_) => array::Plan::new(&self.config).err().map(|e| unplanned(&e, source)),
             _ => None,
-        };
-        error.map_or(Ok(station), |e| Err(unplanned(&e, source)))
+        }
     }
 
     /// Parses and validates text; `name` stands in messages, `folder` resolves relative paths.
