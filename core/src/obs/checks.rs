@@ -242,6 +242,8 @@ impl Checks {
         if of_noise > 0.0 {
             self.gains.noise(&m, of_noise);
             self.own_noise.take(&m, of_noise);
+        } else if minute.heard == Heard::Vessel {
+            self.gains.beside(&m);
         }
         let is_measure = u64::from(m.instants) * PART >= minute.whole;
         if is_measure && minute.heard != Heard::Other {

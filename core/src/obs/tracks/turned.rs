@@ -18,10 +18,13 @@ const AS_FAST: f64 = 0.15;
 /// How long before its track ends it may turn, and be heard on its new course, minutes: a straight course goes on to explain directions.
 const BEFORE: u32 = 20;
 
+/// Minutes with a direction and a range on its course that make it some vessel's: weak ones never have echoes of the table's strengths.
+const KNOWN_WELL: u16 = 20;
+
 impl Live {
-    /// Whether it is a vessel for sure, of which a track that falls silent says that it turned.
+    /// Whether it is surely some vessel's, of which a track that falls silent says that it turned.
     fn may_have_turned(&self) -> bool {
-        self.is_established() && self.score.is_sure()
+        self.score.both >= KNOWN_WELL
     }
 
     /// Whether its vessel goes on as the other's.
