@@ -11,6 +11,7 @@ use crate::geodesy::LocalFrame;
 use crate::plot::{Plot, Scale, write_panels};
 use crate::station::Station;
 use anyhow::{Context, Result};
+use seabearing_core::kit::median;
 use seabearing_locate::between::{between, mixed};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -24,6 +25,9 @@ pub const EXPERIMENT: Experiment = Experiment {
 
 /// A GPS fix further away in time than this says nothing about a set, s.
 const GPS_MOST_S: f64 = 5.0;
+/// Time before and after a set over which the ship's course is taken, s, and the slowest ship that has one, m/s.
+const COURSE_S: f64 = 5.0;
+const SLOWEST_M_S: f64 = 0.5;
 
 /// Where the data are.
 pub const DATA: &str = "real/harp4_ship_tdoa_EE";
@@ -36,6 +40,8 @@ pub struct ShipRecording {
     pub tdoa: PathBuf,
     /// Direction to the ship by GPS at a time: East, North, Up, length one.
     truth: Vec<(f64, [f64; 3])>,
+    /// Height of the surface above the recorder, metres.
+    height_m: f64,
 }
 
 /// Error of one set.
@@ -115,7 +121,7 @@ impl ShipRecording {
             let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
             truth.push((seconds(days), v.map(|x| x / length)));
         }
-        Ok(Self { station, tdoa, truth })
+        Ok(Self { station, tdoa, truth, height_m: -receiver[2] })
     }
 
     /// What the command's own function makes of the sets.
@@ -136,6 +142,35 @@ impl ShipRecording {
         Ok(sets.into_iter().filter_map(|r| self.judged(r)).collect())
     }
 
+    /// Errors of the accepted ones of judged sets against GPS where the ship was when the sound left it, degrees, and how far behind the GPS
+    /// antenna along its course their bearings meet the surface, metres; what sounds is not where the antenna is.
+    fn behind(&self, judged: &[Judged]) -> (Vec<f64>, Vec<f64>) {
+        let c = self.station.config.sound_speed_m_s;
+        // The surface is level over so short a way.
+        let at = |u: &[f64; 3]| [0, 1].map(|k: usize| u[k] * self.height_m / u[2]);
+        let (mut errors, mut behind) = (Vec::new(), Vec::new());
+        for j in judged {
+            let Some(s) = j.result.solution.filter(|s| s.accepted) else { continue };
+            let t_s = j.result.t_s;
+            let Some(now) = self.truth_at(t_s) else { continue };
+            let travel_s = self.height_m / now[2] / c;
+            let u = s.direction.map(f64::from);
+            if let Some(left) = self.truth_at(t_s - travel_s) {
+                errors.push(between_deg(&left, &u));
+            }
+            let course = (self.truth_at(t_s - travel_s - COURSE_S), self.truth_at(t_s - travel_s + COURSE_S));
+            if let ((Some(before), Some(after)), Some(left)) = (course, self.truth_at(t_s - travel_s)) {
+                let (before, after, left, heard) = (at(&before), at(&after), at(&left), at(&u));
+                let way = [after[0] - before[0], after[1] - before[1]];
+                let length = way[0].hypot(way[1]);
+                if length > 2.0 * COURSE_S * SLOWEST_M_S {
+                    behind.push(((left[0] - heard[0]) * way[0] + (left[1] - heard[1]) * way[1]) / length);
+                }
+            }
+        }
+        (errors, behind)
+    }
+
     /// Direction by GPS: linear between the fixes around a time, none where they are too far away.
     fn truth_at(&self, t_s: f64) -> Option<[f64; 3]> {
         let near = |(t, _): &&(f64, [f64; 3])| (t - t_s).abs() <= GPS_MOST_S;
@@ -151,15 +186,18 @@ impl ShipRecording {
         let truth_deg =
             (azimuth_deg(truth[0], truth[1]), truth[2].atan2(truth[0].hypot(truth[1])).to_degrees());
         let error_deg = match &result.solution {
-            Some(s) => {
-                let dot: f64 = truth.iter().zip(s.direction).map(|(a, b)| a * f64::from(b)).sum();
-                let length = truth.iter().map(|x| x * x).sum::<f64>().sqrt();
-                (dot / length).clamp(-1.0, 1.0).acos().to_degrees()
-            }
+            Some(s) => between_deg(&truth, &s.direction.map(f64::from)),
             None => 180.0,
         };
         Some(Judged { result, truth_deg, error_deg })
     }
+}
+
+/// Angle between a direction and one of length one, degrees.
+fn between_deg(a: &[f64; 3], unit: &[f64; 3]) -> f64 {
+    let dot: f64 = a.iter().zip(unit).map(|(a, b)| a * b).sum();
+    let length = a.iter().map(|x| x * x).sum::<f64>().sqrt();
+    (dot / length).clamp(-1.0, 1.0).acos().to_degrees()
 }
 
 /// Sums judged sets up.
@@ -189,19 +227,29 @@ pub fn score(judged: &[Judged]) -> BearingScore {
     }
 }
 
-/// The sets of the data, converted in a folder that goes again, and whether a hydrophone is called late.
-fn judged(data: &Path) -> Result<(Vec<Judged>, bool)> {
+/// The sets of the data, converted in a folder that goes again.
+struct Run {
+    judged: Vec<Judged>,
+    /// Whether a hydrophone is called late.
+    late: bool,
+    /// Medians against the ship when the sound left it: see [`ShipRecording::behind`].
+    left_deg: Option<f64>,
+    behind_m: Option<f64>,
+}
+
+fn judged(data: &Path) -> Result<Run> {
     let folder = seabearing_host::beside::Folder::new()?;
     let recording = ShipRecording::convert(data, folder.path())?;
     let late = recording.solved()?.lateness.and_then(|l| l.said());
-    Ok((recording.judge()?, late.is_some()))
+    let judged = recording.judge()?;
+    let (mut left, mut behind) = recording.behind(&judged);
+    Ok(Run { left_deg: median(&mut left), behind_m: median(&mut behind), judged, late: late.is_some() })
 }
 
 fn run(options: &Options) -> Result<()> {
-    let judged = options.real(DATA).map(|data| judged(&data)).transpose()?;
-    let late = judged.as_ref().map(|(_, late)| f64::from(u8::from(*late)));
-    let judged = judged.map(|(judged, _)| judged);
-    let score = judged.as_deref().map(score);
+    let run = options.real(DATA).map(|data| judged(&data)).transpose()?;
+    let late = run.as_ref().map(|run| f64::from(u8::from(run.late)));
+    let score = run.as_ref().map(|run| score(&run.judged));
     let figures = &options.figures;
     figures.at_least("sets kept, %", score.map(|s| 100.0 * s.kept), 80.0);
     figures.at_most("median error, deg", score.map(|s| s.median_deg), 0.90);
@@ -209,14 +257,17 @@ fn run(options: &Options) -> Result<()> {
     figures.at_least("in the 95 % ellipse, %", score.map(|s| 100.0 * s.in_ellipse), 92.0);
     figures.at_most("in the 95 % ellipse, %", score.map(|s| 100.0 * s.in_ellipse), 97.0);
     figures.at_most("hydrophones called late (none is known to be)", late, 0.0);
-    let (Some(s), Some(judged)) = (score, judged) else { return Ok(()) };
+    let (left_deg, behind_m) = run.as_ref().map_or((None, None), |run| (run.left_deg, run.behind_m));
+    figures.state("median error against GPS when the sound left the ship, deg", left_deg);
+    figures.state("bearings behind the GPS antenna then, along the course, m (median)", behind_m);
+    let (Some(s), Some(run)) = (score, run) else { return Ok(()) };
     let mut report = super::report::CsvReport::new(
         "real_ship_ee",
         "sets,kept_percent,median_deg,beyond_10_percent,in_ellipse_percent",
     );
     report.row(&[s.sets as f64, 100.0 * s.kept, s.median_deg, 100.0 * s.beyond_10_deg, 100.0 * s.in_ellipse]);
     report.finish(options)?;
-    draw(&judged, &options.out.join("real_ship_ee.svg"))
+    draw(&run.judged, &options.out.join("real_ship_ee.svg"))
 }
 
 /// Azimuth and error against time, rejected sets marked.
