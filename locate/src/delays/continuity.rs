@@ -35,6 +35,8 @@ pub struct ExpectedDirection {
     pub direction: Direction,
     /// Angle about it within which a solution continues the track, radians.
     pub gate: f32,
+    /// Its variance, in units of that of one bearing: what those that it is made of have of their own.
+    pub variance: f32,
 }
 
 /// One hypothesis: a ring of recent directions.
@@ -111,8 +113,8 @@ impl Continuity {
     }
 
     /// Takes an accepted set into the mean variance of a delay: its residual over `pairs` pairs, and, where there was a
-    /// prediction, the squared distance from it in units of a delay's variance. Errors that all pairs share leave no
-    /// residual; they show as scatter about the prediction.
+    /// prediction, the squared distance from it in units of a delay's variance, less what the prediction itself errs by. Errors that
+    /// all pairs share leave no residual; they show as scatter about the prediction.
     pub fn learn_scatter(&mut self, residual_s: f32, pairs: u32, about_prediction_s2: Option<f32>) {
         let n = pairs as f32;
         let variance = residual_s * residual_s * n / (n - 2.0).max(1.0);
@@ -183,7 +185,7 @@ impl Hypothesis {
         }
         // Straight lines in time through the three components, about the newest time.
         let mut lines = [StraightLine::default(); 3];
-        let mut n = 0;
+        let mut n = 0u32;
         for (t, d) in self.times.iter().zip(&self.directions).take(self.count) {
             if t - at < -MEMORY_S {
                 continue;
@@ -194,18 +196,49 @@ impl Hypothesis {
             }
         }
         let mut v = last;
-        let ahead = age as f32;
+        let mut variance = 1.0 / f64::from(n.max(1));
         for (x, line) in v.iter_mut().zip(&lines) {
             // A slope needs a stretch of time; below five bearings the mean of what there is predicts better.
-            let sloped = line.fit().filter(|_| n >= 5);
-            *x = sloped.map(|f| f.at(age)).or(line.mean()).unwrap_or(0.0) as f32;
+            match line.fit().filter(|_| n >= 5) {
+                Some(sloped) => {
+                    *x = sloped.at(age) as f32;
+                    // Of the same times, the same for all three.
+                    variance = sloped.var_value + age * (2.0 * sloped.cov + age * sloped.var_slope);
+                }
+                None => *x = line.mean().unwrap_or(0.0) as f32,
+            }
         }
         let length = m::sqrt(wavefront::dot(&v, &v));
-        (length > 0.5).then(|| ExpectedDirection { direction: v.map(|x| x / length), gate: gate(ahead) })
+        (length > 0.5).then(|| ExpectedDirection {
+            direction: v.map(|x| x / length),
+            gate: gate(age as f32),
+            variance: variance as f32,
+        })
     }
 }
 
 /// The gate so many seconds after the last bearing.
 fn gate(age_s: f32) -> f32 {
     (GATE_RAD + GATE_RATE_RAD_S * age_s).min(GATE_MOST_RAD)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prediction_says_how_far_it_scatters() {
+        let expected = |bearings: usize, ahead_s: f64| {
+            let mut h = Hypothesis::new();
+            for n in 0..bearings {
+                h.add(n as f64, &[1.0, 0.0, 0.0]);
+            }
+            h.predict(bearings as f64 - 1.0 + ahead_s).unwrap().variance
+        };
+        // The mean of four; lines through n even steps, one step and ten beyond: (4n + 2) / (n (n − 1)) one step beyond.
+        assert!((expected(4, 1.0) - 0.25).abs() < 1e-6);
+        assert!((expected(5, 1.0) - 22.0 / 20.0).abs() < 1e-5);
+        assert!((expected(16, 1.0) - 66.0 / 240.0).abs() < 1e-5);
+        assert!((expected(16, 10.0) - (1.0 / 16.0 + 17.5f32.powi(2) / 340.0)).abs() < 1e-5);
+    }
 }

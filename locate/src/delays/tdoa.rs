@@ -13,7 +13,7 @@
 //! wrong in the same way (a multipath that hits all hydrophones alike) for longer than continuity remembers.
 //! Cost: about 40 000 instructions a set.
 
-use super::continuity::Continuity;
+use super::continuity::{Continuity, ExpectedDirection};
 use super::report::closure;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
@@ -188,14 +188,13 @@ impl Solver {
                 let continues = continuity.judge(t_s, &fit.direction);
                 let accepted = continues || (predicted.is_none() && self.stands_alone(&fit));
                 if accepted {
-                    let off = predicted
-                        .map(|p| m::acos(wavefront::dot(&p.direction, &fit.direction).clamp(-1.0, 1.0)));
                     let spread = fit.inverse[0][0] + fit.inverse[1][1];
-                    continuity.learn_scatter(
-                        fit.residual_s,
-                        fit.used.count_ones(),
-                        off.map(|off| off * off / spread),
-                    );
+                    let about = |p: ExpectedDirection| {
+                        let off = m::acos(wavefront::dot(&p.direction, &fit.direction).clamp(-1.0, 1.0));
+                        // The prediction's own errors are independent of the set's, and add to them.
+                        off * off / (spread * (1.0 + p.variance))
+                    };
+                    continuity.learn_scatter(fit.residual_s, fit.used.count_ones(), predicted.map(about));
                     if let Some(shared_s2) = fit.shared_s2 {
                         continuity.learn_shared(shared_s2);
                     }
@@ -459,6 +458,44 @@ mod tests {
             assert!(got.accepted, "set {n}");
             assert!(off < 0.002, "set {n} errs by {off}");
             assert_eq!(got.dropped.count_ones(), u32::from(n >= 5) + u32::from(n >= 20), "set {n}");
+        }
+    }
+
+    #[test]
+    fn stated_ellipses_hold_what_arrivals_and_pairs_err_by() {
+        let s = solver();
+        let mut state = 11u64;
+        // Sums of twelve even numbers: normal enough for 95 %.
+        let mut normal = || {
+            (0..12).fold(-6.0f32, |sum, _| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                sum + (state >> 40) as f32 / 16_777_216.0
+            })
+        };
+        for (arrivals_s, pairs_s) in [(4e-6, 0.0), (4e-6, 4e-6), (8e-6, 6e-6)] {
+            let (mut held, mut all) = (0, 0);
+            for pass in 0..20 {
+                let mut c = Continuity::new();
+                for n in 0..150 {
+                    let (az, el) = (0.3 * pass as f32 + 0.01 * n as f32, 0.6);
+                    let mut d = delays(&s, az, el);
+                    let t: [f32; CHANNELS] = core::array::from_fn(|_| arrivals_s * normal());
+                    for (d, (i, j)) in d.iter_mut().zip(PAIRS) {
+                        *d += t[j] - t[i] + pairs_s * normal();
+                    }
+                    let Some(got) = s.solve(&mut c, f64::from(n), &d).filter(|got| got.accepted) else {
+                        continue;
+                    };
+                    let da = crate::angle::wrap_pi(f64::from(got.azimuth - az)) as f32;
+                    let (de, va, ve) = (got.elevation - el, got.var_azimuth, got.var_elevation);
+                    let square = (ve * da * da - 2.0 * got.cov * da * de + va * de * de)
+                        / (va * ve - got.cov * got.cov);
+                    all += 1;
+                    held += u32::from(square <= 5.991);
+                }
+            }
+            let share = f64::from(held) / f64::from(all);
+            assert!(all > 2900 && (0.93..0.97).contains(&share), "{arrivals_s} {pairs_s}: {share} of {all}");
         }
     }
 
