@@ -50,10 +50,6 @@ const LEAST: f32 = 40.0;
 /// Deviation of what vessels say of the gain where there are many, dB: sound of some sides comes more steeply.
 const BY_VESSELS_DB: f64 = 0.5;
 
-/// Mean square that is left of the squares of minutes, from which on the components are not what they are taken for, and nothing is said: of days of five
-/// vessels it is 0.004, 0.008 with 7 dB of noise in one, and 0.04 where one is the vertical.
-const UNLIKE: f64 = 0.03;
-
 /// Of the ratio of noise that is no gain, what vessels make of it, and its deviation.
 const TAKEN: f64 = 0.25;
 const TAKEN_SD: f64 = 0.2;
@@ -202,9 +198,6 @@ impl Gains {
             return None;
         }
         let scatter = (1.0 - (alpha * x + beta * y) / n).max(0.0);
-        if scatter > UNLIKE {
-            return None;
-        }
         let relative = yy / (alpha * alpha) + xx / (beta * beta) + 2.0 * xy / (alpha * beta);
         let a_decibel = core::f64::consts::LN_10 / 10.0;
         let variance = scatter * NEIGHBOURS * relative / (determinant * a_decibel * a_decibel);
@@ -329,8 +322,8 @@ mod tests {
             for (turns, many) in [(0.02, false), (1.0, true)] {
                 let mut gains = Gains::new();
                 for n in 0..200u32 {
-                    // More or less steep, as far as the components are taken for what they are.
-                    let level = 0.6 + 0.07 * ((n * 7 % 11) as f32 - 5.0) / 5.0;
+                    // As steep as it likes.
+                    let level = 0.6 + 0.1 * ((n * 7 % 11) as f32 - 5.0) / 5.0;
                     let gain = math::f32::exp(gain_db * (core::f32::consts::LN_10 / 10.0));
                     gains.vessel(&heard(gain, 0.9 + turns * n as f32 / 30.0, level, 0.01, 1.0));
                 }
@@ -339,7 +332,7 @@ mod tests {
                 if many {
                     assert!(off_db < 0.3 && variance < 1.5, "{gain_db}: {db} {variance}");
                 } else {
-                    assert!(variance > 15.0, "{gain_db}: {db} {variance}");
+                    assert!(variance > 30.0, "{gain_db}: {db} {variance}");
                 }
             }
         }
