@@ -104,7 +104,7 @@ fn run(options: &Options) -> Result<()> {
             ("azimuth SMAD, deg", smad(&d.azimuth).to_degrees(), 1.5),
             ("azimuths wrong", d.azimuth_wrong as f64, 0.0),
             ("range SMAD, m", smad(&d.range_m), 160.0),
-            ("wrong branch, %", 100.0 * d.wrong_branch(), 10.0),
+            ("wrong branch, %", 100.0 * d.wrong_branch(), 4.0),
         ]
     };
     for (name, value, bar) in figures(&own) {
