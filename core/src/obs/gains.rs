@@ -235,16 +235,24 @@ impl Gains {
         None
     }
 
+    /// Whether nothing is taken out yet: the ratio is of minutes beside vessels alone, which may be of one that lies along a component, and they
+    /// have not decided.
+    fn is_open(&self) -> bool {
+        self.is_young() && self.by_vessels().is_none()
+    }
+
     fn variance_db2(&self, probability: f32) -> f32 {
         let (likelier, other) = (probability.max(1.0 - probability), probability.min(1.0 - probability));
-        let farther_db = FARTHER * self.ratio_db * likelier * (other / FADES).min(1.0);
+        let told = if self.is_open() { 1.0 } else { likelier };
+        let farther_db = FARTHER * self.ratio_db * told * (other / FADES).min(1.0);
         let ratio_sd_db = if self.is_young() { BESIDE_DB } else { BY_NOISE_DB };
         farther_db * farther_db + probability * ratio_sd_db * ratio_sd_db
     }
 
     /// By how much north is louder than east, as far as that is known.
     pub(super) fn gain(&self) -> Gain {
-        Gain { db: self.probability() * self.ratio_db, sd_db: math::f32::sqrt(self.doubt_db2) }
+        let db = if self.is_open() { 0.0 } else { self.probability() * self.ratio_db };
+        Gain { db, sd_db: math::f32::sqrt(self.doubt_db2) }
     }
 }
 
