@@ -238,7 +238,7 @@ impl Gains {
     /// Whether nothing is taken out yet: the ratio is of minutes beside vessels alone, which may be of one that lies along a component, and they
     /// have not decided.
     fn is_open(&self) -> bool {
-        self.is_young() && self.by_vessels().is_none()
+        self.beside > 0.0 && self.is_young() && self.by_vessels().is_none()
     }
 
     fn variance_db2(&self, probability: f32) -> f32 {
@@ -377,7 +377,7 @@ mod tests {
         // 3 dB of gain, 9 dB of noise.
         for (gain, noisier, told_db) in [(2.0, 1.0, 3.0), (1.0, 8.0, 0.0)] {
             let mut gains = Gains::new();
-            for n in 0..300 {
+            for n in 0..400 {
                 let m = heard(gain, n as f32 / 19.0, 0.6, 0.3, noisier);
                 gains.vessel(&m);
                 gains.beside(&m);
