@@ -57,6 +57,7 @@ mod obs_network;
 mod obs_noise_week;
 mod obs_noisy;
 mod obs_one_ship;
+mod obs_onsets;
 mod obs_orient;
 mod obs_pictures;
 mod obs_pulse;
@@ -193,6 +194,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_loud::LOUD,
     obs_noisy::NOISY,
     obs_gains::GAINS,
+    obs_onsets::ONSETS,
     obs_speeds::SPEEDS,
     obs_turns::TURNS,
     obs_real::REAL,

@@ -77,7 +77,7 @@ fn much_louder(code: i32) -> i32 {
 }
 
 /// Noise of the sea's level, or so many times that, from an instant's codes and in no other way of them.
-fn noise(frame: Frame, times: f64) -> i32 {
+pub(super) fn noise(frame: Frame, times: f64) -> i32 {
     let mut hash = frame.iter().fold(0x9e37_79b9_7f4a_7c15u64, |h, c| {
         let h = (h ^ u64::from(c.cast_unsigned())).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         h ^ h >> 29
@@ -215,13 +215,19 @@ const DEFECTS: [Defect; 21] = [
 pub(super) struct Altered<'a> {
     source: &'a mut Simulator,
     codes: fn(Frame) -> Frame,
+    from: u64,
     held: Vec<Frame>,
 }
 
 impl<'a> Altered<'a> {
     /// A simulated one.
     pub(super) fn new(source: &'a mut Simulator, codes: fn(Frame) -> Frame) -> Self {
-        Self { source, codes, held: Vec::new() }
+        Self::from(source, codes, 0)
+    }
+
+    /// One whose codes are right before an instant.
+    pub(super) fn from(source: &'a mut Simulator, codes: fn(Frame) -> Frame, from: u64) -> Self {
+        Self { source, codes, from, held: Vec::new() }
     }
 }
 
@@ -237,7 +243,8 @@ impl BlockSource for Altered<'_> {
     fn next_block(&mut self) -> Result<Option<Block<'_>>> {
         let Some(block) = self.source.next_block()? else { return Ok(None) };
         let first_index = block.first_index;
-        self.held = block.frames.iter().map(|f| (self.codes)(*f)).collect();
+        let frames = (first_index..).zip(block.frames);
+        self.held = frames.map(|(i, f)| if i < self.from { *f } else { (self.codes)(*f) }).collect();
         Ok(Some(Block { first_index, frames: &self.held }))
     }
 }

@@ -31,7 +31,8 @@ pub const GAINS: Experiment = Experiment {
 /// Days where the command line names no number.
 const RUNS: usize = 3;
 
-const DAY_S: f64 = 86_400.0;
+/// Length of a day, s.
+pub(super) const DAY_S: f64 = 86_400.0;
 
 /// Vessels of a day, and how much higher the tones of each are than those of the one before, Hz.
 const VESSELS: usize = 5;
@@ -48,14 +49,14 @@ struct North {
 }
 
 /// North times an amplitude.
-fn north(frame: Frame, times: f64) -> Frame {
+pub(super) fn north(frame: Frame, times: f64) -> Frame {
     let [pressure, north, east, vertical] = frame;
     [pressure, (f64::from(north) * times) as i32, east, vertical]
 }
 
 /// 3 and 6 dB as amplitudes.
-const BY_3_DB: f64 = 1.412_54;
-const BY_6_DB: f64 = 1.995_26;
+pub(super) const BY_3_DB: f64 = 1.412_54;
+pub(super) const BY_6_DB: f64 = 1.995_26;
 
 const NORTHS: [North; 7] = [
     North { name: "as told", codes: |f| f, noisier_db: 0.0, unequal: false },
@@ -68,7 +69,7 @@ const NORTHS: [North; 7] = [
 ];
 
 /// Seeded vessels of a day.
-fn vessels(seed: u64) -> Vec<ObsVessel> {
+pub(super) fn vessels(seed: u64) -> Vec<ObsVessel> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let vessel = |k: usize| {
         let mut vessel = ObsVessel {

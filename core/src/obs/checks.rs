@@ -4,16 +4,9 @@
 //! a fault where something has been wrong for long, once, and [`FaultCode::SetUpGood`] when it is right again (of a component that was
 //! deaf [`FaultCode::ChannelBack`]).
 //!
-//! - Sign. Vessels sound from above: vertical motion and pressure go together with one sign, whatever the direction. A vote a
-//!   minute in which a vessel is heard and the two are coherent. Mostly the other sign: pressure or the motion is turned round.
-//!   Both signs in turn, but a horizontal component with one only: that is the vertical one.
-//!   A floor that reflects everything moves up and down a quarter of a period after pressure, and what goes with it is little: the vertical
-//!   one votes where it is slightly coherent already. What chance adds is as much on either side, and cannot make it lean. A
-//!   component has both signs only where it was clearly so, and for long: of a vessel whose power is in few lines the vertical motion goes with
-//!   pressure now with one sign and now with the other, as paths interfere along its way (every few minutes, up to ten at its closest
-//!   point), where a horizontal component changes its sign once, as the vessel comes abeam.
+//! - Sign of pressure and vertical motion, and a vertical component in a horizontal one's place (`signs`).
 //! - Gain of the horizontal components: by noise and by vessels (`gains`).
-//! - A horizontal component that hears nothing: while vessels pass the other (`deaf`).
+//! - A horizontal component that hears nothing: while vessels pass the other (`deaf`); until that is known no direction is told (`unheard`).
 //! - Pressure exchanged with a component of motion: what is called so has no part in some vessels' sound (`misplaced`).
 //!
 //! Horizontal components exchanged, one of them turned round, or an orientation that is off are beyond any check here: the
@@ -26,43 +19,20 @@ use super::gains::{Gain, Gains};
 use super::misplaced::{Misplaced, Pressure};
 use super::moments::Moments;
 use super::pairs::{Pairs, Profiles};
-use crate::block::CHANNELS;
+use super::signs::{AllSigns, FEW_VOTES, VERTICAL};
+use super::unheard::Unheard;
 use crate::intake::Faults;
 use crate::math;
 use crate::wire::{Fault, FaultCode, Message};
-
-/// Least coherence of a whole minute for a slight vote and for a clear one: twice and four times what chance makes of its 1000 independent
-/// products. In days of four vessels over floors 2700 to 5300 m deep 96 % and more of the vertical's slight votes were right.
-pub(super) const COHERENT: [f32; 2] = [0.06, 0.12];
 
 /// Coherence of both horizontal components, squared, of a minute whose vessel hides no noise of theirs, and what such a minute counts beside one
 /// without a vessel: in 24 days the ratio of their noise is within 0.5 dB of that of quiet minutes in most, and beside several vessels 3 dB off.
 const HARDLY_HEARD: f32 = 0.06;
 const BESIDE: f32 = 0.3;
 
-/// Votes of a component below which nothing is said, or nothing beside other signs of something wrong, and those from which on the older
-/// half is forgotten.
-const VOTES: u16 = 90;
-const FEW_VOTES: u16 = 40;
-const MOST_VOTES: u16 = 360;
-
-/// Minutes in a row from which on a sign is clearly so.
-const LASTING: u8 = 20;
-
-/// Share of the slight votes that says which sign a component has, and from which on it has one only; of the clear ones that below which it
-/// has both. Percent.
-const MOSTLY: u32 = 85;
-const ONE_SIDED: u32 = 95;
-const BOTH_SIDES: u32 = 92;
-
 /// Difference of two pairs of paths at which the table does not fit, and below which it fits again, m.
 const APART_M: f32 = 250.0;
 const TOGETHER_M: f32 = 150.0;
-
-/// Components: pressure, north, east, vertical.
-const NORTH: usize = 1;
-const EAST: usize = 2;
-const VERTICAL: usize = 3;
 
 /// Added to the component that takes the place of pressure.
 const PRESSURE: u8 = 4;
@@ -100,83 +70,15 @@ pub(super) struct Minute {
     pub(super) whole: u64,
 }
 
-/// Minutes in which a component went with pressure, and against it.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Votes {
-    pub(super) with: u16,
-    pub(super) against: u16,
-}
-
-impl Votes {
-    pub(super) const NONE: Self = Self { with: 0, against: 0 };
-
-    fn all(self) -> u16 {
-        self.with + self.against
-    }
-
-    /// Whether so many of them, percent, are for this sign.
-    fn are_for(self, with: bool, percent: u32) -> bool {
-        let these = if with { self.with } else { self.against };
-        100 * u32::from(these) >= percent * u32::from(self.all())
-    }
-
-    /// Whether so many of them, percent, are for one sign; none of too few.
-    // Called from many places.
-    #[inline(never)]
-    fn lean(self, percent: u32) -> Option<bool> {
-        (self.all() >= VOTES).then(|| self.are_for(self.with > self.against, percent))
-    }
-
-    /// Whether nearly all have one sign.
-    pub(super) fn is_one_sided(self) -> bool {
-        self.lean(ONE_SIDED) == Some(true)
-    }
-
-    /// Whether it has not this sign, or both.
-    fn is_not(self, with: bool) -> bool {
-        let least = if self.all() < VOTES { BOTH_SIDES } else { ONE_SIDED };
-        self.all() >= FEW_VOTES && !self.are_for(with, least)
-    }
-
-    /// Takes a minute's coherence, whose sign counts where it is greater than this.
-    // Called from several places.
-    #[inline(never)]
-    pub(super) fn take(&mut self, coherence: f32, least: f32) {
-        self.with += u16::from(coherence > least);
-        self.against += u16::from(coherence < -least);
-        if self.all() >= MOST_VOTES {
-            *self = Self { with: self.with / 2, against: self.against / 2 };
-        }
-    }
-}
-
-/// Of one component.
-#[derive(Clone, Copy, Debug)]
-struct Signs {
-    slight: Votes,
-    clear: Votes,
-    /// The last clear sign, and minutes in a row that had it.
-    with: bool,
-    minutes: u8,
-}
-
-impl Signs {
-    const NONE: Self = Self { slight: Votes::NONE, clear: Votes::NONE, with: false, minutes: 0 };
-
-    fn is_both_sided(&self) -> bool {
-        self.clear.lean(BOTH_SIDES) == Some(false)
-    }
-}
-
 /// State.
 #[derive(Clone, Debug)]
 pub(super) struct Checks {
     minute: Moments,
-    /// Of north, east, vertical.
-    signs: [Signs; 3],
+    signs: AllSigns,
     gains: Gains,
     pub(super) own_noise: OwnNoise,
     deafness: Deafness,
+    unheard: Unheard,
     misplaced: Misplaced,
     /// The component that was said to be wrong, the vertical one by its sign, a horizontal one by being the vertical, one with
     /// [`PRESSURE`] by being pressure; 0: none.
@@ -190,10 +92,11 @@ impl Checks {
     pub(super) const fn new() -> Self {
         Self {
             minute: Moments::NONE,
-            signs: [Signs::NONE; 3],
+            signs: AllSigns::NONE,
             gains: Gains::new(),
             own_noise: OwnNoise::new(),
             deafness: Deafness::new(),
+            unheard: Unheard::new(),
             misplaced: Misplaced::NONE,
             said_component: 0,
             pairs: Pairs::new(),
@@ -206,22 +109,24 @@ impl Checks {
         self.minute.add(moments);
     }
 
+    /// Takes what both horizontal components heard in the minute that ends, before directions are told of it.
+    pub(super) fn listen(&mut self, whole: u64) {
+        if self.minute.instants > 0 {
+            let ([north, east, _], chance) = (self.minute.coherences(), self.minute.chance(whole));
+            self.unheard.minute([north, east].map(|coherence| coherence / chance));
+        }
+    }
+
     /// Ends a minute.
     pub(super) fn minute(&mut self, minute: &Minute, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
         let m = core::mem::replace(&mut self.minute, Moments::NONE);
         if m.instants == 0 {
             return;
         }
-        let [pressure, ..] = m.power;
-        let coherence = core::array::from_fn(|c| {
-            let of = |all: &[f32; CHANNELS]| all.get(NORTH + c).copied().unwrap_or(0.0);
-            of(&m.with_pressure) / math::f32::sqrt(of(&m.power) * pressure).max(f32::MIN_POSITIVE)
-        });
-        // Of part of a minute chance makes more.
-        let chance = math::f32::sqrt(minute.whole as f32 / m.instants as f32);
+        let (coherence, chance) = (m.coherences(), m.chance(minute.whole));
         match minute.heard {
             Heard::Vessel => {
-                self.vote(&coherence, chance);
+                self.signs.take(&coherence, chance);
                 if !minute.several {
                     self.gains.vessel(&m);
                 }
@@ -230,6 +135,10 @@ impl Checks {
         }
         let [north, east, _] = coherence;
         let is_hardly_heard = north * north + east * east < HARDLY_HEARD * chance;
+        let is_quiet = matches!(minute.heard, Heard::Nothing | Heard::Expected);
+        if is_quiet && is_hardly_heard && !minute.several && self.gains.has_changed(&m) {
+            self.own_noise.changed();
+        }
         let of_noise = match minute.heard {
             Heard::Nothing => 1.0,
             Heard::Vessel | Heard::Expected
@@ -276,54 +185,19 @@ impl Checks {
         self.deafness.is_deaf()
     }
 
-    fn vote(&mut self, coherence: &[f32; 3], chance: f32) {
-        let [slightly, clearly] = COHERENT.map(|least| least * chance);
-        for (signs, coherence) in self.signs.iter_mut().zip(coherence) {
-            signs.slight.take(*coherence, slightly);
-            if math::f32::abs(*coherence) > clearly {
-                let with = *coherence > 0.0;
-                let before = if with == signs.with { signs.minutes } else { 0 };
-                (signs.with, signs.minutes) = (with, before.saturating_add(1));
-                if signs.minutes >= LASTING {
-                    signs.clear.take(*coherence, clearly);
-                }
-            }
-        }
-    }
-
-    /// What signs say is wrong; none where they say nothing yet.
-    fn by_signs(&self, towards: bool) -> Option<u8> {
-        let [north, east, vertical] = &self.signs;
-        let leans = vertical.slight.lean(MOSTLY)?;
-        let right = (vertical.slight.with > vertical.slight.against) == towards;
-        // While every vessel is on one side of a component, that may be the vertical one; and while all are on one side of both,
-        // nothing can be said.
-        let found = match (leans, north.is_both_sided(), east.is_both_sided()) {
-            (true, true, true) => {
-                if right {
-                    0
-                } else {
-                    VERTICAL
-                }
-            }
-            // A vertical one that hears no vessel leans nowhere, but by chance.
-            _ if !vertical.is_both_sided() => return None,
-            (false, false, true) if north.slight.is_one_sided() => NORTH,
-            (false, true, false) if east.slight.is_one_sided() => EAST,
-            _ => return None,
-        };
-        Some(found as u8)
+    /// Whether one may be, for it has heard nothing for long.
+    pub(super) fn may_be_deaf(&self) -> bool {
+        self.unheard.may_be_deaf()
     }
 
     fn tell_order(&mut self, towards: bool, index: u64, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
-        let [.., vertical] = &self.signs;
+        let vertical = self.signs.vertical();
         let found = match self.misplaced.pressure() {
-            Pressure::Right => self.by_signs(towards),
+            Pressure::Right => self.signs.wrong(towards),
             // An instrument that shakes leaves the vertical component its sign, which it has beside pressure alone.
             Pressure::Elsewhere(component, either)
-                if vertical.slight.is_not(towards)
-                    || either
-                        && (usize::from(component) == VERTICAL || vertical.slight.all() < FEW_VOTES) =>
+                if vertical.is_not(towards)
+                    || either && (usize::from(component) == VERTICAL || vertical.all() < FEW_VOTES) =>
             {
                 Some(PRESSURE | component)
             }

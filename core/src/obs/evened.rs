@@ -27,6 +27,9 @@ const UNSURE: f32 = 0.4;
 const MEMORY: f32 = 240.0;
 const BEFORE: f32 = 2.0;
 
+/// Minutes that what was learned counts as after the noise has changed.
+const AFRESH: f32 = 10.0;
+
 /// Minutes below which any that can be had are better than none.
 const YOUNG: f32 = 60.0;
 
@@ -53,6 +56,11 @@ impl OwnNoise {
         for (x, now) in self.tensor.iter_mut().zip(now) {
             *x += share * (now - *x);
         }
+    }
+
+    /// The noise is another than it was: what is learned of it soon counts for more than what was.
+    pub(super) fn changed(&mut self) {
+        self.minutes = self.minutes.min(AFRESH);
     }
 
     /// Whether it is of so few minutes that those whose vessel is hardly heard tell more.

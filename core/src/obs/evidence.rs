@@ -11,7 +11,7 @@ use crate::angle::wrap_tau_f32;
 use crate::math;
 
 /// Minutes kept: four short of eight hours, the time a vessel of 4 m/s is within 50 km; they are what memory has room for.
-pub const MINUTES: usize = 476;
+pub const MINUTES: usize = 475;
 
 /// A direction: azimuth in 2π/65536, standard deviation in 10⁻⁴ rad (0: none).
 #[derive(Clone, Copy, Debug, Default)]

@@ -13,6 +13,8 @@
 //!   with a vessel, over that, lie on a line `α X + β Y = 1`, whose slope is the squared gain `β/α`: least squares, whose deviation is what they scatter.
 //!   Of 24 days of five vessels it errs by 0.3 dB root mean square after 160 minutes (by 0.9 dB without the coherence, which makes eight tenths of the
 //!   scatter). Where one is noisier, vessels along it are heard less well: a quarter of the ratio is taken for gain.
+//! - Changes. Where the mean ratio of the last minutes without a vessel is another one, something became of a component: what vessels said
+//!   before is of what it was, and the question is open again.
 //! - Both. The ratio of the noise is one of gain, or of noise alone; without vessels neither is likelier, and what is told lies between them, as
 //!   uncertain as they are apart. Vessels decide.
 //!
@@ -73,6 +75,12 @@ const YOUNG: f32 = 10.0;
 const BESIDE: f32 = 240.0;
 const BESIDE_DB: f32 = 1.0;
 
+/// Minutes without a vessel whose mean is looked at for a change, and what is one, dB: of 1800 such means of 36 days the farthest is 1.1 dB off. And
+/// minutes that the ratio counts as of after one.
+const RECENT: f32 = 15.0;
+const CHANGED_DB: f32 = 1.25;
+const AFRESH: f32 = 10.0;
+
 /// Probability below which a possibility fades from what is stated.
 const FADES: f32 = 0.05;
 
@@ -88,6 +96,9 @@ pub(super) struct Gains {
     /// Minutes they are of, by their weights, and those with a vessel.
     compared: f32,
     beside: f32,
+    /// Mean of the ratio over the last minutes without a vessel, dB, and their number.
+    recent_db: f32,
+    recent: f32,
     /// Sums over minutes with a vessel of X², XY, Y², X, Y, and their number.
     sums: [f32; 6],
     /// Variance that is stated, dB².
@@ -109,6 +120,12 @@ fn decibels(ratio: f32) -> f32 {
     10.0 * math::f32::log10(ratio)
 }
 
+/// Noise of north and of east, where it has no direction of its own.
+fn of_no_direction(m: &Moments) -> Option<[f32; 2]> {
+    let [north, east, together] = m.own_of_horizontals()?;
+    (math::f32::abs(together) <= TOGETHER * math::f32::sqrt(north * east)).then_some([north, east])
+}
+
 impl Gains {
     /// Nothing known; all zeros.
     pub(super) const fn new() -> Self {
@@ -117,6 +134,8 @@ impl Gains {
             motion_db: None,
             compared: 0.0,
             beside: 0.0,
+            recent_db: 0.0,
+            recent: 0.0,
             sums: [0.0; 6],
             doubt_db2: 0.0,
             said: false,
@@ -125,11 +144,8 @@ impl Gains {
 
     /// Takes a minute without a vessel, or one whose vessel is hardly heard, which counts for less.
     pub(super) fn noise(&mut self, m: &Moments, weight: f32) {
-        let Some([north, east, together]) = m.own_of_horizontals() else { return };
+        let Some([north, east]) = of_no_direction(m) else { return };
         let [pressure, ..] = m.power;
-        if math::f32::abs(together) > TOGETHER * math::f32::sqrt(north * east) {
-            return;
-        }
         self.compared = (self.compared + weight).min(MANY);
         let settled = (SETTLED / self.compared).clamp(LEAST_STEP, 1.0);
         let step_db = weight * (STEP_DB * settled).max(FIRST_DB / self.compared);
@@ -146,6 +162,22 @@ impl Gains {
             let step_db = (step_db * (1.0 + far * far)).min(math::f32::abs(off_db));
             self.ratio_db += step_db * off_db.signum();
         }
+    }
+
+    /// Takes a minute whose horizontal components hear nothing, a tracked vessel or none: whether their noise has changed.
+    pub(super) fn has_changed(&mut self, m: &Moments) -> bool {
+        let Some([north, east]) = of_no_direction(m) else { return false };
+        self.recent = (self.recent + 1.0).min(RECENT);
+        self.recent_db += (decibels(north / east) - self.recent_db) / self.recent;
+        let change_db = math::f32::abs(self.recent_db - self.ratio_db);
+        let changed = self.recent >= RECENT && !self.is_young() && change_db > CHANGED_DB;
+        if changed {
+            (self.ratio_db, self.compared, self.motion_db) = (self.recent_db, AFRESH, None);
+            // The mean holds minutes of both; the next is of one alone.
+            self.recent = 0.0;
+            self.sums = [0.0; 6];
+        }
+        changed
     }
 
     /// Takes a minute with a vessel, of which the noise is had while there is no other.
@@ -390,6 +422,35 @@ mod tests {
         (0..300).for_each(|n| gains.beside(&heard(1.0, n as f32 / 19.0, 0.6, 0.3, 4.0)));
         (0..30).for_each(|_| gains.noise(&noise(1.0), 1.0));
         assert!(gains.ratio_db.abs() < 0.3, "{}", gains.ratio_db);
+    }
+
+    #[test]
+    fn what_vessels_said_is_forgotten_where_the_noise_has_changed() {
+        let mut gains = Gains::new();
+        let mut day = |gain: f32, quiet: usize, vessels: usize| {
+            let mut changes = 0;
+            for n in 0..quiet {
+                let m = noise(gain * (1.0 + 0.1 * math::f32::sin(n as f32)));
+                changes += usize::from(gains.has_changed(&m));
+                gains.noise(&m, 1.0);
+                gains.news();
+            }
+            for n in 0..vessels {
+                gains.vessel(&heard(gain, n as f32 / 19.0, 1.0, 0.2, 1.0));
+                gains.news();
+            }
+            (changes, gains.gain())
+        };
+        let (changes, gain) = day(1.0, 300, 400);
+        assert!(changes == 0 && gain.db.abs() < 0.1 && gain.sd_db < 0.5, "{gain:?}");
+        // 6 dB from here on: known within half an hour, and either may be so before vessels decide.
+        let (changes, gain) = day(4.0, 25, 0);
+        assert!(
+            changes > 0 && (gain.db - 6.0).abs() < 1.96 * gain.sd_db && gain.db < 1.96 * gain.sd_db,
+            "{gain:?}"
+        );
+        let (changes, gain) = day(4.0, 20, 400);
+        assert!(changes < 2 && (gain.db - 6.0).abs() < 0.5 && gain.sd_db < 1.5, "{gain:?}");
     }
 
     #[test]

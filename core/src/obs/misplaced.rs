@@ -15,8 +15,8 @@
 //! Not observable: pressure exchanged with any over a floor that lets sound in, where vertical motion goes with pressure in all that it does;
 //! nor before vessels were heard along both horizontal components. Cost: 100 instructions a minute.
 
-use super::checks::{COHERENT, Votes};
 use super::moments::Moments;
+use super::signs::{COHERENT, Votes};
 use crate::block::CHANNELS;
 use crate::math;
 

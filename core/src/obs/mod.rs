@@ -56,7 +56,9 @@ mod misplaced;
 mod residuals;
 mod search;
 mod segment;
+mod signs;
 mod tracks;
+mod unheard;
 
 mod minute_records;
 mod station;

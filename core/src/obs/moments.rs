@@ -60,6 +60,21 @@ impl Moments {
         instants: 0,
     };
 
+    /// Coherences of north, east and vertical with pressure, their signs kept.
+    pub(super) fn coherences(&self) -> [f32; 3] {
+        let ([pressure, power @ ..], [_, with_pressure @ ..]) = (self.power, self.with_pressure);
+        let mut out = with_pressure;
+        for (coherence, power) in out.iter_mut().zip(power) {
+            *coherence /= math::f32::sqrt(power * pressure).max(f32::MIN_POSITIVE);
+        }
+        out
+    }
+
+    /// How much larger chance makes coherences than those of a minute of so many instants.
+    pub(super) fn chance(&self, whole: u64) -> f32 {
+        math::f32::sqrt(whole as f32 / self.instants.max(1) as f32)
+    }
+
     /// Powers of what of north and east is not coherent with pressure, and its product; none where there is nothing of one of them.
     pub(super) fn own_of_horizontals(&self) -> Option<[f32; 3]> {
         let [pressure, north, east, _] = self.power;

@@ -415,6 +415,7 @@ impl State {
             if plan.paper { None } else { impulsive::search(plan.band.bins, plan.band.turn, rows) };
         let mut directions = plan.tones.search(plan.band.bins, &self.ambient, scratch.shared.tonal(), rows);
         self.steady.widen(&mut directions);
+        self.checks.listen(plan.intake.minute());
         let gain = self.checks.gain();
         let (evened, lasting) = if plan.paper {
             (Evened::NONE, plan.lasting)
@@ -474,8 +475,8 @@ impl State {
         let pairs_in_doubt =
             no_pressure || !plan.paper && (plan.lasting.parts_pairs() || self.checks.table_is_off());
         self.tracker.pairs_in_doubt = pairs_in_doubt;
-        // Of a deaf component's noise, of components exchanged, and of noise that hides one, directions are made all the same.
-        let hidden = !plan.paper && self.checks.own_noise.hides_directions();
+        // Of the noise of one that is deaf, or may be, of components exchanged, and of noise that hides one, directions are made all the same.
+        let hidden = !plan.paper && (self.checks.own_noise.hides_directions() || self.checks.may_be_deaf());
         let mute = exchanged || hidden || self.checks.deaf();
         let call = if mute { None } else { call };
         if mute {

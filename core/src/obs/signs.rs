@@ -1,0 +1,166 @@
+//! Which signs the components have with pressure, and what these say is wrong.
+//!
+//! Enters: the coherences of north, east and vertical with pressure of each minute in which a vessel is heard. Leaves: whether the vertical one has its sign
+//! turned round, or a horizontal one is it.
+//!
+//! Vessels sound from above: vertical motion and pressure go together with one sign, whatever the direction. A vote a
+//! minute in which the two are coherent. Mostly the other sign: pressure or the motion is turned round.
+//! Both signs in turn, but a horizontal component with one only: that is the vertical one.
+//! A floor that reflects everything moves up and down a quarter of a period after pressure, and what goes with it is little: the vertical
+//! one votes where it is slightly coherent already. What chance adds is as much on either side, and cannot make it lean. A
+//! component has both signs only where it was clearly so, and for long: of a vessel whose power is in few lines the vertical motion goes with
+//! pressure now with one sign and now with the other, as paths interfere along its way (every few minutes, up to ten at its closest
+//! point), where a horizontal component changes its sign once, as the vessel comes abeam.
+//! Cost: 100 instructions a minute.
+
+use crate::math;
+
+/// Least coherence of a whole minute for a slight vote and for a clear one: twice and four times what chance makes of its 1000 independent
+/// products. In days of four vessels over floors 2700 to 5300 m deep 96 % and more of the vertical's slight votes were right.
+pub(super) const COHERENT: [f32; 2] = [0.06, 0.12];
+
+/// Votes of a component below which nothing is said, or nothing beside other signs of something wrong, and those from which on the older
+/// half is forgotten.
+const VOTES: u16 = 90;
+pub(super) const FEW_VOTES: u16 = 40;
+const MOST_VOTES: u16 = 360;
+
+/// Minutes in a row from which on a sign is clearly so.
+const LASTING: u8 = 20;
+
+/// Share of the slight votes that says which sign a component has, and from which on it has one only; of the clear ones that below which it
+/// has both. Percent.
+const MOSTLY: u32 = 85;
+const ONE_SIDED: u32 = 95;
+const BOTH_SIDES: u32 = 92;
+
+/// Components: pressure, north, east, vertical.
+const NORTH: usize = 1;
+const EAST: usize = 2;
+pub(super) const VERTICAL: usize = 3;
+
+/// Minutes in which a component went with pressure, and against it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Votes {
+    pub(super) with: u16,
+    pub(super) against: u16,
+}
+
+impl Votes {
+    pub(super) const NONE: Self = Self { with: 0, against: 0 };
+
+    pub(super) fn all(self) -> u16 {
+        self.with + self.against
+    }
+
+    /// Whether so many of them, percent, are for this sign.
+    fn are_for(self, with: bool, percent: u32) -> bool {
+        let these = if with { self.with } else { self.against };
+        100 * u32::from(these) >= percent * u32::from(self.all())
+    }
+
+    /// Whether so many of them, percent, are for one sign; none of too few.
+    // Called from many places.
+    #[inline(never)]
+    fn lean(self, percent: u32) -> Option<bool> {
+        (self.all() >= VOTES).then(|| self.are_for(self.with > self.against, percent))
+    }
+
+    /// Whether nearly all have one sign.
+    pub(super) fn is_one_sided(self) -> bool {
+        self.lean(ONE_SIDED) == Some(true)
+    }
+
+    /// Whether it has not this sign, or both.
+    pub(super) fn is_not(self, with: bool) -> bool {
+        let least = if self.all() < VOTES { BOTH_SIDES } else { ONE_SIDED };
+        self.all() >= FEW_VOTES && !self.are_for(with, least)
+    }
+
+    /// Takes a minute's coherence, whose sign counts where it is greater than this.
+    // Called from several places.
+    #[inline(never)]
+    pub(super) fn take(&mut self, coherence: f32, least: f32) {
+        self.with += u16::from(coherence > least);
+        self.against += u16::from(coherence < -least);
+        if self.all() >= MOST_VOTES {
+            *self = Self { with: self.with / 2, against: self.against / 2 };
+        }
+    }
+}
+
+/// Of one component.
+#[derive(Clone, Copy, Debug)]
+struct Signs {
+    slight: Votes,
+    clear: Votes,
+    /// The last clear sign, and minutes in a row that had it.
+    with: bool,
+    minutes: u8,
+}
+
+impl Signs {
+    const NONE: Self = Self { slight: Votes::NONE, clear: Votes::NONE, with: false, minutes: 0 };
+
+    fn is_both_sided(&self) -> bool {
+        self.clear.lean(BOTH_SIDES) == Some(false)
+    }
+}
+
+/// Of all components.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct AllSigns {
+    /// Of north, east, vertical.
+    of: [Signs; 3],
+}
+
+impl AllSigns {
+    /// Nothing known; all zeros.
+    pub(super) const NONE: Self = Self { of: [Signs::NONE; 3] };
+
+    /// Takes a minute's coherences with pressure, and how much larger chance makes them than those of a whole minute.
+    pub(super) fn take(&mut self, coherence: &[f32; 3], chance: f32) {
+        let [slightly, clearly] = COHERENT.map(|least| least * chance);
+        for (signs, coherence) in self.of.iter_mut().zip(coherence) {
+            signs.slight.take(*coherence, slightly);
+            if math::f32::abs(*coherence) > clearly {
+                let with = *coherence > 0.0;
+                let before = if with == signs.with { signs.minutes } else { 0 };
+                (signs.with, signs.minutes) = (with, before.saturating_add(1));
+                if signs.minutes >= LASTING {
+                    signs.clear.take(*coherence, clearly);
+                }
+            }
+        }
+    }
+
+    /// The vertical one's slight votes.
+    pub(super) fn vertical(&self) -> Votes {
+        let [.., vertical] = &self.of;
+        vertical.slight
+    }
+
+    /// What signs say is wrong; none where they say nothing yet.
+    pub(super) fn wrong(&self, towards: bool) -> Option<u8> {
+        let [north, east, vertical] = &self.of;
+        let leans = vertical.slight.lean(MOSTLY)?;
+        let right = (vertical.slight.with > vertical.slight.against) == towards;
+        // While every vessel is on one side of a component, that may be the vertical one; and while all are on one side of both,
+        // nothing can be said.
+        let found = match (leans, north.is_both_sided(), east.is_both_sided()) {
+            (true, true, true) => {
+                if right {
+                    0
+                } else {
+                    VERTICAL
+                }
+            }
+            // A vertical one that hears no vessel leans nowhere, but by chance.
+            _ if !vertical.is_both_sided() => return None,
+            (false, false, true) if north.slight.is_one_sided() => NORTH,
+            (false, true, false) if east.slight.is_one_sided() => EAST,
+            _ => return None,
+        };
+        Some(found as u8)
+    }
+}
