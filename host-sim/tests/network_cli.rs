@@ -191,9 +191,13 @@ fn priors_of_orientation_and_clock_stand_in_the_network_file() {
     assert!(number(&open, "sd_late_s") < 0.02);
     let known = second("orientation_sd_deg = 0.1\nclock_sd_s = 0.01");
     assert!(known["wrong"] == "orientation" && (number(&known, "turned_deg") - 4.0).abs() < 1.0, "{known}");
-    for keys in
-        ["orientation_sd_deg = -1.0", "orientation_sd_deg = 181.0", "clock_sd_s = -1.0", "clock_sd_s = nan"]
-    {
+    for keys in [
+        "orientation_deg = 777.0",
+        "orientation_sd_deg = -1.0",
+        "orientation_sd_deg = 181.0",
+        "clock_sd_s = -1.0",
+        "clock_sd_s = nan",
+    ] {
         let out = ask(keys);
         let said = String::from_utf8(out.stderr).unwrap();
         let key = keys.split(' ').next().unwrap();

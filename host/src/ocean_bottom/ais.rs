@@ -22,6 +22,8 @@ const CLOSEST_M: f64 = 25_000.0;
 const LONGEST_LEG_M: f64 = 3.0 * RADIUS_M;
 /// A position follows one of so many before it: longer runs of wrong ones are not looked over.
 const LOOKED_BACK: usize = 100;
+/// Positions one after the other from which on those that are not the vessel's are another one's with its number, and no wrong ones.
+const TWIN: usize = 6;
 /// Standard deviation of a time told in whole minutes, s.
 const MINUTE_S: f64 = 17.3;
 
@@ -64,39 +66,67 @@ fn merchant_under_way(r: &AisReport) -> bool {
 pub fn passages(reports: &[AisReport], origin_deg: (f64, f64)) -> Vec<AisPassage> {
     let mut out = Vec::new();
     for (mmsi, fixes) in tracks(reports, origin_deg) {
-        let mut run: Vec<Fix> = Vec::new();
-        let mut last: Option<Fix> = None;
-        for fix in of_one_vessel(&fixes.iter().map(|f| f.0).collect::<Vec<_>>()) {
-            let Some(from) = last.replace(fix) else { continue };
-            let (dt, way) = (fix.0 - from.0, (fix.1.0 - from.1.0).hypot(fix.1.1 - from.1.1));
-            // What of the leg lies inside the area; a leg without any, or too long to be straight, ends the run.
-            let within = (dt < GAP_S && way < LONGEST_LEG_M).then(|| inside(from, fix)).flatten();
-            match within {
-                Some((begin, end)) => {
-                    if run.is_empty() {
-                        run.push(begin);
-                    }
-                    run.push(end);
-                    if end != fix {
-                        out.extend(passage(mmsi, std::mem::take(&mut run)));
-                    }
-                }
-                None => out.extend(passage(mmsi, std::mem::take(&mut run))),
-            }
+        for vessel in vessels_of(fixes.iter().map(|f| f.0).collect()) {
+            of_vessel(mmsi, vessel, &mut out);
         }
-        out.extend(passage(mmsi, run));
     }
     out.sort_by(|a, b| a.cpa_unix_s.total_cmp(&b.cpa_unix_s));
     out
 }
 
+/// The passages of one vessel's positions.
+fn of_vessel(mmsi: u64, fixes: Vec<Fix>, out: &mut Vec<AisPassage>) {
+    let mut run: Vec<Fix> = Vec::new();
+    let mut last: Option<Fix> = None;
+    for fix in fixes {
+        let Some(from) = last.replace(fix) else { continue };
+        let (dt, way) = (fix.0 - from.0, (fix.1.0 - from.1.0).hypot(fix.1.1 - from.1.1));
+        // What of the leg lies inside the area; a leg without any, or too long to be straight, ends the run.
+        let within = (dt < GAP_S && way < LONGEST_LEG_M).then(|| inside(from, fix)).flatten();
+        match within {
+            Some((begin, end)) => {
+                if run.is_empty() {
+                    run.push(begin);
+                }
+                run.push(end);
+                if end != fix {
+                    out.extend(passage(mmsi, std::mem::take(&mut run)));
+                }
+            }
+            None => out.extend(passage(mmsi, std::mem::take(&mut run))),
+        }
+    }
+    out.extend(passage(mmsi, run));
+}
+
+/// The positions of each vessel that has a number: of the one with the most, and of others that have it too.
+fn vessels_of(mut fixes: Vec<Fix>) -> Vec<Vec<Fix>> {
+    let mut vessels: Vec<Vec<Fix>> = Vec::new();
+    loop {
+        let vessel = of_one_vessel(&fixes);
+        if vessel.is_empty() || !vessels.is_empty() && vessel.len() < TWIN {
+            return vessels;
+        }
+        // What it could have been at as well says nothing of another.
+        fixes.retain(|fix| {
+            let apart_s = |own: &&Fix| (own.0 - fix.0).abs();
+            let nearest = vessel.iter().min_by(|a, b| apart_s(a).total_cmp(&apart_s(b)));
+            !nearest.is_some_and(|own| is_within_reach(own, fix))
+        });
+        vessels.push(vessel);
+    }
+}
+
+/// Whether a vessel can have been at both.
+fn is_within_reach(a: &Fix, b: &Fix) -> bool {
+    (b.1.0 - a.1.0).hypot(b.1.1 - a.1.1) <= IMPOSSIBLE_M_S * (b.0 - a.0).abs().max(30.0)
+}
+
 /// The positions that one vessel can have been at one after the other: the most of them, so that those few are dropped that are wrong. Of as many
 /// the ones inside the area.
 fn of_one_vessel(fixes: &[Fix]) -> Vec<Fix> {
-    let follows = |from: &Fix, to: &Fix| {
-        let (dt, way) = (to.0 - from.0, (to.1.0 - from.1.0).hypot(to.1.1 - from.1.1));
-        dt >= GAP_S || (dt > 0.0 && way <= IMPOSSIBLE_M_S * dt.max(30.0))
-    };
+    let follows =
+        |from: &Fix, to: &Fix| to.0 - from.0 >= GAP_S || (to.0 > from.0 && is_within_reach(from, to));
     // Positions of the longest way that ends with each, those of them inside, and which stands before it.
     let mut ways: Vec<(usize, usize, Option<usize>)> = Vec::with_capacity(fixes.len());
     for (k, fix) in fixes.iter().enumerate() {
@@ -306,6 +336,19 @@ mod tests {
             );
             assert!(p.fixes.len() >= 95 && p.fixes.iter().all(|f| (f.1.1 - 10_000.0).abs() < 20.0), "{p:?}");
         }
+    }
+
+    #[test]
+    fn of_two_vessels_with_one_number_both_are_kept_and_repeated_positions_are_of_one() {
+        // One passes; the other stands 85 km off, and reports as often and once more.
+        let passing = (0..24).map(|n| at(7, n as f64 / 3.0, 8.0 * (n as f64 - 12.0), 10.0));
+        let standing = (0..25).map(|n| at(7, n as f64 / 3.0 + 0.1, -60.0, -60.0));
+        let reports: Vec<AisReport> = passing.clone().chain(standing).collect();
+        let found = passages(&reports, (0.0, 0.0));
+        assert!(matches!(&found[..], [one] if (one.cpa_range_m - 10_000.0).abs() < 100.0), "{found:?}");
+        // Heard by two receivers.
+        let twice: Vec<AisReport> = passing.clone().zip(passing).flat_map(|(a, b)| [a, b]).collect();
+        assert_eq!(passages(&twice, (0.0, 0.0)).len(), 1);
     }
 
     #[test]

@@ -320,6 +320,10 @@ impl Station {
         let folder = path.parent().unwrap_or(Path::new("."));
         let listed = |(i, s): (usize, StationTable)| {
             let config = base(&s, &format!("stations.{i}"), &source)?;
+            if !(-360.0..=360.0).contains(&config.orientation_deg) {
+                let what = format!("orientation_deg = {}; -360 to 360 was expected", config.orientation_deg);
+                return Err(source.wrong(&format!("stations.{i}.orientation_deg"), what));
+            }
             for (key, sd, most) in
                 [("orientation_sd_deg", s.orientation_sd_deg, 180.0), ("clock_sd_s", s.clock_sd_s, 86_400.0)]
             {
