@@ -135,10 +135,6 @@ impl Checks {
         }
         let [north, east, _] = coherence;
         let is_hardly_heard = north * north + east * east < HARDLY_HEARD * chance;
-        let is_quiet = matches!(minute.heard, Heard::Nothing | Heard::Expected);
-        if is_quiet && is_hardly_heard && !minute.several && self.gains.has_changed(&m) {
-            self.own_noise.changed();
-        }
         let of_noise = match minute.heard {
             Heard::Nothing => 1.0,
             Heard::Vessel | Heard::Expected
@@ -149,7 +145,9 @@ impl Checks {
             _ => 0.0,
         };
         if of_noise > 0.0 {
-            self.gains.noise(&m, of_noise);
+            if self.gains.noise(&m, of_noise) {
+                self.own_noise.changed();
+            }
             self.own_noise.take(&m, of_noise);
         } else if minute.heard == Heard::Vessel {
             self.gains.beside(&m);

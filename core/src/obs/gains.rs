@@ -120,12 +120,6 @@ fn decibels(ratio: f32) -> f32 {
     10.0 * math::f32::log10(ratio)
 }
 
-/// Noise of north and of east, where it has no direction of its own.
-fn of_no_direction(m: &Moments) -> Option<[f32; 2]> {
-    let [north, east, together] = m.own_of_horizontals()?;
-    (math::f32::abs(together) <= TOGETHER * math::f32::sqrt(north * east)).then_some([north, east])
-}
-
 impl Gains {
     /// Nothing known; all zeros.
     pub(super) const fn new() -> Self {
@@ -142,10 +136,17 @@ impl Gains {
         }
     }
 
-    /// Takes a minute without a vessel, or one whose vessel is hardly heard, which counts for less.
-    pub(super) fn noise(&mut self, m: &Moments, weight: f32) {
-        let Some([north, east]) = of_no_direction(m) else { return };
+    /// Takes a minute without a vessel, or one whose vessel is hardly heard, which counts for less; whether the noise has changed.
+    pub(super) fn noise(&mut self, m: &Moments, weight: f32) -> bool {
+        let Some([north, east, together]) = m.own_of_horizontals() else { return false };
         let [pressure, ..] = m.power;
+        if math::f32::abs(together) > TOGETHER * math::f32::sqrt(north * east) {
+            return false;
+        }
+        let now_db = decibels(north / east);
+        if weight >= 1.0 && self.has_changed(now_db) {
+            return true;
+        }
         self.compared = (self.compared + weight).min(MANY);
         let settled = (SETTLED / self.compared).clamp(LEAST_STEP, 1.0);
         let step_db = weight * (STEP_DB * settled).max(FIRST_DB / self.compared);
@@ -157,20 +158,20 @@ impl Gains {
             motion_db >= *usual_db + SHAKING_DB
         };
         if !shakes {
-            let off_db = decibels(north / east) - self.ratio_db;
+            let off_db = now_db - self.ratio_db;
             let far = off_db / FAR_DB;
             let step_db = (step_db * (1.0 + far * far)).min(math::f32::abs(off_db));
             self.ratio_db += step_db * off_db.signum();
         }
+        false
     }
 
-    /// Takes a minute whose horizontal components hear nothing, a tracked vessel or none: whether their noise has changed.
-    pub(super) fn has_changed(&mut self, m: &Moments) -> bool {
-        let Some([north, east]) = of_no_direction(m) else { return false };
-        self.recent = (self.recent + 1.0).min(RECENT);
-        self.recent_db += (decibels(north / east) - self.recent_db) / self.recent;
+    /// Whether the mean of the last minutes is another than the median, which is of it from then on.
+    fn has_changed(&mut self, now_db: f32) -> bool {
+        self.recent += 1.0;
+        self.recent_db += (now_db - self.recent_db) / self.recent.min(RECENT);
         let change_db = math::f32::abs(self.recent_db - self.ratio_db);
-        let changed = self.recent >= RECENT && !self.is_young() && change_db > CHANGED_DB;
+        let changed = self.recent >= RECENT && self.compared >= YOUNG && change_db > CHANGED_DB;
         if changed {
             (self.ratio_db, self.compared, self.motion_db) = (self.recent_db, AFRESH, None);
             // The mean holds minutes of both; the next is of one alone.
@@ -195,6 +196,8 @@ impl Gains {
     }
 
     /// Takes a minute with one vessel.
+    // Of its own: `Checks::minute` takes less flash without it.
+    #[inline(never)]
     pub(super) fn vessel(&mut self, m: &Moments) {
         let ([pressure, north, east, _], [_, of_north, of_east, _]) = (m.power, m.with_pressure);
         let squared =
@@ -328,7 +331,7 @@ mod tests {
                 if vessel {
                     gains.vessel(&m)
                 } else {
-                    gains.noise(&m, 1.0)
+                    gains.noise(&m, 1.0);
                 }
                 gains.news().map(|news| news.map(|db| math::f32::round(10.0 * db) as i32))
             })
@@ -420,7 +423,9 @@ mod tests {
         }
         let mut gains = Gains::new();
         (0..300).for_each(|n| gains.beside(&heard(1.0, n as f32 / 19.0, 0.6, 0.3, 4.0)));
-        (0..30).for_each(|_| gains.noise(&noise(1.0), 1.0));
+        (0..30).for_each(|_| {
+            gains.noise(&noise(1.0), 1.0);
+        });
         assert!(gains.ratio_db.abs() < 0.3, "{}", gains.ratio_db);
     }
 
@@ -431,8 +436,7 @@ mod tests {
             let mut changes = 0;
             for n in 0..quiet {
                 let m = noise(gain * (1.0 + 0.1 * math::f32::sin(n as f32)));
-                changes += usize::from(gains.has_changed(&m));
-                gains.noise(&m, 1.0);
+                changes += usize::from(gains.noise(&m, 1.0));
                 gains.news();
             }
             for n in 0..vessels {
