@@ -75,7 +75,7 @@ const YOUNG: f32 = 10.0;
 const BESIDE: f32 = 240.0;
 const BESIDE_DB: f32 = 1.0;
 
-/// Minutes without a vessel whose mean is looked at for a change, and what is one, dB: of 1800 such means of 36 days the farthest is 1.1 dB off. And
+/// Minutes without a vessel whose mean is looked at for a change, and what is one, dB: of 1070 such means of 36 simulated days the farthest is 1.0 dB off. And
 /// minutes that the ratio counts as of after one.
 const RECENT: f32 = 15.0;
 const CHANGED_DB: f32 = 1.25;

@@ -5,7 +5,7 @@
 //! Where a component hears nothing but its own noise every vessel is found along the other one, with a small deviation. Which it is, deaf or well beside a
 //! vessel along the other, `deaf` tells when vessels have passed it, after hours. Where the other clearly hears something and it never has, or
 //! has not for [`LONG`] such minutes, no direction is told. A component hears where it clearly goes with pressure, or with what the other has of it
-//! over twenty minutes as chance does not: a vessel 5° off the other's axis is heard by both. What that takes from vessels that come straight along a component is, of 36
+//! over twenty minutes as chance does not: a vessel 5° off the other's axis is heard by both. What that takes from vessels that come straight along a component is, of 36 simulated
 //! days, half a percent of the minutes with vessels at the table's level and 5 dB below it, most of it before the first has been heard by both.
 //! Cost: 20 instructions a minute.
 
