@@ -40,13 +40,15 @@ enum Damage {
     Clipped(f64),
 }
 
-const DAMAGES: [(&str, Damage); 9] = [
+const DAMAGES: [(&str, Damage); 11] = [
     ("clean", Damage::None),
     ("spikes of 20 every 300 s", Damage::Spikes(300.0, 2e4, 1)),
     ("spikes of 1000 every 300 s", Damage::Spikes(300.0, 1e6, 1)),
     ("spikes of 1000 every 7 s", Damage::Spikes(7.0, 1e6, 1)),
     ("spikes of 1000, three samples, every 300 s", Damage::Spikes(300.0, 1e6, 3)),
     ("spikes of 1000, three samples, every 7 s", Damage::Spikes(7.0, 1e6, 3)),
+    ("spikes of 1000, eight samples, every 300 s", Damage::Spikes(300.0, 1e6, 8)),
+    ("spikes of 1000, eight samples, every 7 s", Damage::Spikes(7.0, 1e6, 8)),
     ("clipped at 4.5 deviations", Damage::Clipped(4.5)),
     ("clipped at 3 deviations", Damage::Clipped(3.0)),
     ("clipped at 2.2 deviations", Damage::Clipped(2.2)),

@@ -335,6 +335,10 @@ fn run(options: &Options) -> Result<()> {
         }
         let (named, others): (Vec<&Fault>, Vec<&Fault>) =
             said.faults.iter().partition(|f| Some(f.code) == defect.wanted);
+        // That a sign is wrong is known before it is known whose, and is no other name.
+        let is_of_signs = matches!(defect.wanted, Some(FaultCode::Reversed | FaultCode::Exchanged));
+        let others: Vec<&Fault> =
+            others.into_iter().filter(|f| !is_of_signs || f.code != FaultCode::SignInDoubt).collect();
         if defect.wanted.is_some() {
             let first = named.first().map_or(f64::INFINITY, |f| hours(f));
             figures.at_most(

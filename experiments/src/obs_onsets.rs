@@ -1,7 +1,9 @@
 //! Defects that begin while the station listens, and components deaf from the start: what is told until they are named.
 //!
 //! Days of five seeded vessels ([`super::obs_gains`]) as an ordinary station hears them; from an hour on something is wrong with a component. Judged is
-//! what is told from then on: azimuths in their 95 %, final tracks of nobody, and after how many hours the defect is named.
+//! what is told from then on until it is named, and after that: azimuths in their 95 %, final tracks of nobody; and after how many hours a sign is known to
+//! be in doubt (from then on no direction is told) and the defect is named. Of a station that has said to be reversed nothing more is judged: what it
+//! tells is half a turn off, or its vertical component alone is, and which it is cannot be heard.
 
 use super::obs_checks::{Altered, noise};
 use super::obs_gains::{BY_3_DB, BY_6_DB, DAY_S, north, vessels};
@@ -38,7 +40,7 @@ struct Onset {
     named: Option<FaultCode>,
 }
 
-const ONSETS_OF: [Onset; 9] = [
+const ONSETS_OF: [Onset; 11] = [
     Onset { name: "nothing", codes: |f| f, from_h: 8.0, named: None },
     Onset {
         name: "north 3 dB louder",
@@ -67,6 +69,18 @@ const ONSETS_OF: [Onset; 9] = [
         named: Some(FaultCode::OwnNoise),
     },
     Onset {
+        name: "pressure reversed from the start",
+        codes: |[p, n, e, z]| [-p, n, e, z],
+        from_h: 0.0,
+        named: Some(FaultCode::Reversed),
+    },
+    Onset {
+        name: "vertical and north exchanged from the start",
+        codes: |[p, n, e, z]| [p, z, e, n],
+        from_h: 0.0,
+        named: Some(FaultCode::Exchanged),
+    },
+    Onset {
         name: "pressure reversed",
         codes: |[p, n, e, z]| [-p, n, e, z],
         from_h: 8.0,
@@ -85,18 +99,34 @@ fn deaf(frame: Frame) -> Frame {
     [pressure, noise(frame, 1.0), east, vertical]
 }
 
-/// What was told of some days.
+/// What was told in a time of some days.
 #[derive(Default)]
 struct Told {
     azimuth: Stated,
     finals: usize,
     of_nobody: usize,
-    /// Hours from its beginning until it was named, of each day.
-    after_h: Vec<f64>,
 }
 
-fn hear(options: &Options, table: &Propagation, onset: &Onset) -> Result<Told> {
-    let (mut azimuths, mut told) = (Vec::new(), Told::default());
+/// What was told of some days.
+struct Heard {
+    /// Until the defect was named, and from then on.
+    until: Told,
+    after: Told,
+    /// Hours from its beginning until a sign was in doubt, and until it was named, of each day.
+    doubted_h: Vec<f64>,
+    named_h: Vec<f64>,
+}
+
+/// Hours of the days in which something was said, and the latest of them.
+fn said(after_h: &[f64]) -> (usize, f64) {
+    let said = after_h.iter().copied().filter(|h| h.is_finite());
+    (said.clone().count(), said.fold(0.0, f64::max))
+}
+
+fn hear(options: &Options, table: &Propagation, onset: &Onset) -> Result<Heard> {
+    let mut azimuths = [Vec::new(), Vec::new()];
+    let mut told = [Told::default(), Told::default()];
+    let (mut doubted_h, mut named_h) = (Vec::new(), Vec::new());
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let scenario = ObsScenario { vessels: vessels(seed), ..quiet(seed, DAY_S) };
         let (config, paths, rate_hz) = (station::config(&scenario, false)?, scenario.paths, scenario.rate_hz);
@@ -106,58 +136,97 @@ fn hear(options: &Options, table: &Propagation, onset: &Onset) -> Result<Told> {
         let mut altered = Altered::from(&mut simulator, onset.codes, from);
         let mut messages = Vec::new();
         listen::run(&config, table, &mut altered, &mut |m| messages.push(m))?;
-        let named = messages.iter().find_map(|m| match m {
-            Message::Fault(f) if Some(f.code) == onset.named && f.index > from => Some(f.index - from),
-            _ => None,
-        });
-        told.after_h.push(named.map_or(f64::INFINITY, |n| n as f64 / rate_hz / 3600.0));
-        messages.retain(|m| match m {
-            Message::Azimuth(a) => a.index > from,
-            Message::Track(t) => t.index > from,
-            _ => true,
-        });
-        let case = Case { messages, vessels, heard, table: table.clone(), paths, rate_hz };
-        azimuths.extend(minutes(&case).0);
-        for track in tracks(&case).filter(|t| t.stage == Track::FINAL) {
-            told.finals += 1;
-            told.of_nobody += usize::from(whose(&track, &case.vessels).is_none());
+        let first = |code: Option<FaultCode>| {
+            messages.iter().find_map(|m| match m {
+                Message::Fault(f) if Some(f.code) == code && f.index > from => Some(f.index),
+                _ => None,
+            })
+        };
+        let named = first(onset.named);
+        for (hours, index) in [(&mut doubted_h, first(Some(FaultCode::SignInDoubt))), (&mut named_h, named)] {
+            hours.push(index.map_or(f64::INFINITY, |n| (n - from) as f64 / rate_hz / 3600.0));
+        }
+        let spans = [from..named.unwrap_or(u64::MAX), named.unwrap_or(u64::MAX)..u64::MAX];
+        for (span, (azimuths, told)) in spans.iter().zip(azimuths.iter_mut().zip(&mut told)) {
+            let of_span = |m: &&Message| match m {
+                Message::Azimuth(a) => span.contains(&a.index),
+                Message::Track(t) => span.contains(&t.index),
+                _ => true,
+            };
+            let messages = messages.iter().filter(of_span).copied().collect();
+            let (vessels, heard, table) = (vessels.clone(), heard.clone(), table.clone());
+            let case = Case { messages, vessels, heard, table, paths, rate_hz };
+            azimuths.extend(minutes(&case).0);
+            for track in tracks(&case).filter(|t| t.stage == Track::FINAL) {
+                told.finals += 1;
+                told.of_nobody += usize::from(whose(&track, &case.vessels).is_none());
+            }
         }
     }
-    Ok(Told { azimuth: Stated::sum(&azimuths), ..told })
+    let [until, after] = azimuths;
+    let [told_until, told_after] = told;
+    Ok(Heard {
+        until: Told { azimuth: Stated::sum(&until), ..told_until },
+        after: Told { azimuth: Stated::sum(&after), ..told_after },
+        doubted_h,
+        named_h,
+    })
 }
 
 fn run(options: &Options) -> Result<()> {
     let table = station_table(options)?;
-    let all: Vec<Told> =
+    let all: Vec<Heard> =
         ONSETS_OF.par_iter().map(|onset| hear(options, &table, onset)).collect::<Result<_>>()?;
     let mut csv = CsvText::new(
-        "what,from_h,azimuths,off_10_deg,azimuths_in_95,finals,of_nobody,days,named_days,named_h",
+        "what,from_h,azimuths,off_10_deg,azimuths_in_95,finals,of_nobody,azimuths_after,in_95_after,finals_after,of_nobody_after,\
+         days,doubted_days,doubted_h,named_days,named_h",
     );
-    for (onset, told) in ONSETS_OF.iter().zip(&all) {
-        let inside = told.azimuth.percent(told.azimuth.within);
-        let named: Vec<f64> = told.after_h.iter().copied().filter(|h| h.is_finite()).collect();
-        let latest_h = named.iter().copied().fold(0.0, f64::max);
+    for (onset, heard) in ONSETS_OF.iter().zip(&all) {
+        let Heard { until, after, doubted_h, named_h } = heard;
+        let inside = |told: &Told| told.azimuth.percent(told.azimuth.within);
+        let ((doubted, latest_doubt_h), (named, latest_h)) = (said(doubted_h), said(named_h));
         csv.row(&[
             &onset.name,
             &onset.from_h,
-            &told.azimuth.said,
-            &told.azimuth.wrong,
-            &Fixed(inside, 1),
-            &told.finals,
-            &told.of_nobody,
-            &told.after_h.len(),
-            &named.len(),
+            &until.azimuth.said,
+            &until.azimuth.wrong,
+            &Fixed(inside(until), 1),
+            &until.finals,
+            &until.of_nobody,
+            &after.azimuth.said,
+            &Fixed(inside(after), 1),
+            &after.finals,
+            &after.of_nobody,
+            &named_h.len(),
+            &doubted,
+            &Fixed(latest_doubt_h, 1),
+            &named,
             &Fixed(latest_h, 1),
         ]);
-        let name = onset.name;
-        // Of directions withheld nothing is wrong.
-        if told.azimuth.said > 0 {
-            options.figures.at_least(format!("{name}: azimuths in their 95 %, %"), inside, 92.0);
+        let judged = if onset.named == Some(FaultCode::Reversed) { 1 } else { 2 };
+        for (told, when) in [(until, ""), (after, " once named")].into_iter().take(judged) {
+            let name = format!("{}{when}", onset.name);
+            // Of directions withheld nothing is wrong.
+            if told.azimuth.said > 0 {
+                options.figures.at_least(format!("{name}: azimuths in their 95 %, %"), inside(told), 92.0);
+            }
+            options.figures.at_most(format!("{name}: final tracks of nobody"), told.of_nobody as f64, 0.0);
         }
-        options.figures.at_most(format!("{name}: final tracks of nobody"), told.of_nobody as f64, 0.0);
         if onset.named.is_some() {
-            let share = named.len() as f64 / told.after_h.len().max(1) as f64;
-            options.figures.at_least(format!("{name}: days in which it was named, share"), share, 1.0);
+            let share = named as f64 / named_h.len().max(1) as f64;
+            options.figures.at_least(
+                format!("{}: days in which it was named, share", onset.name),
+                share,
+                1.0,
+            );
+        }
+        let is_of_signs = matches!(onset.named, Some(FaultCode::Reversed | FaultCode::Exchanged));
+        let share = doubted as f64 / doubted_h.len().max(1) as f64;
+        let figure = format!("{}: days in which a sign was in doubt, share", onset.name);
+        if is_of_signs {
+            options.figures.at_least(figure, share, 1.0);
+        } else {
+            options.figures.at_most(figure, share, 0.0);
         }
     }
     print(options, "obs-onsets", csv)

@@ -340,14 +340,14 @@ fn a_full_disk_is_named_and_storing_goes_on_when_there_is_room() {
     std::fs::write(&alarms, format!("[[alarms]]\nkind = \"disk\"\nfree_percent = 50\n{tell}")).unwrap();
     let args = ["--listen", "127.0.0.1:0", "--store", "store", "--alarms", alarms.to_str().unwrap()];
     let base = Base::start(dir.path(), &args);
-    let told_until = |wanted: usize| -> Vec<String> {
+    let told_until = |last: &str| -> Vec<String> {
         let begun = Instant::now();
         loop {
             let text = std::fs::read_to_string(&told).unwrap_or_default();
             let records = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
             let alarms: Vec<String> =
                 records.map(|r| format!("{} {}", r["code"], r["state"]).replace('"', "")).collect();
-            if alarms.len() >= wanted || begun.elapsed().as_secs() > 60 {
+            if alarms.iter().any(|alarm| alarm == last) || begun.elapsed().as_secs() > 60 {
                 return alarms;
             }
             std::thread::sleep(Duration::from_millis(100));
@@ -356,9 +356,9 @@ fn a_full_disk_is_named_and_storing_goes_on_when_there_is_room() {
     // Somebody else takes the room, and gives it back.
     let taken = dir.path().join("taken");
     std::fs::write(&taken, vec![1; 500_000]).unwrap();
-    assert_eq!(told_until(1), ["DiskLow raised"]);
+    assert_eq!(told_until("DiskLow raised"), ["DiskLow raised"]);
     std::fs::remove_file(&taken).unwrap();
-    assert_eq!(told_until(2).len(), 2);
+    assert_eq!(told_until("DiskLow cleared"), ["DiskLow raised", "DiskLow cleared"]);
     let mut stream = base.call();
     stream.set_write_timeout(Some(Duration::from_secs(1))).unwrap();
     let mut encoder = Encoder::default();
@@ -372,13 +372,15 @@ fn a_full_disk_is_named_and_storing_goes_on_when_there_is_room() {
     let grown = mount(&["-o", "remount,size=64m"]);
     let again = says.recv_timeout(Duration::from_secs(60));
     let all = wait(dir.path(), "room again", |all| of(all, 7, "end") == 20_000);
-    let all_told = told_until(4);
+    let all_told = told_until("StoreFails cleared");
     drop(child);
     let unmounted = Command::new("umount").arg(dir.path()).status().unwrap().success();
     assert!(grown && unmounted && all.len() > 20_000);
     assert!(full.contains("the disk is full") && full.contains("nothing is acknowledged"), "{full}");
     assert!(again.is_ok_and(|l| l.contains("takes records again")));
-    assert_eq!(all_told, ["DiskLow raised", "DiskLow cleared", "StoreFails raised", "StoreFails cleared"]);
+    // Where the disk is looked at as it fills, it is low once more before.
+    let fails: Vec<_> = all_told.iter().filter(|alarm| alarm.starts_with("StoreFails")).collect();
+    assert_eq!(fails, ["StoreFails raised", "StoreFails cleared"], "{all_told:?}");
 }
 
 /// A recorder's end that carries out signed commands.

@@ -366,11 +366,13 @@ pub enum FaultCode {
     SpeedContradicted,
     /// Edges of the converter's line that were no conversions, and were not numbered: how many since the start.
     FalseEdge,
+    /// The vertical motion has the wrong sign beside pressure: something is turned round or exchanged, and it is not known yet what. The component.
+    SignInDoubt,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 34] = [
+    pub const ALL: [Self; 35] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -405,6 +407,7 @@ impl FaultCode {
         Self::MemoryError,
         Self::SpeedContradicted,
         Self::FalseEdge,
+        Self::SignInDoubt,
     ];
 }
 

@@ -7,30 +7,25 @@
 use crate::wire::{Fault, FaultCode, FaultsHeld, Message};
 
 /// Faults of one kind sent a minute one by one; the others of the minute make one record.
-pub const A_MINUTE: u8 = 3;
+pub const A_MINUTE: u32 = 3;
 
 /// Kinds there are.
 const KINDS: usize = FaultCode::ALL.len();
 
-/// One kind.
-#[derive(Clone, Copy, Debug)]
-struct Kind {
-    sent: u8,
-    held: u32,
-    value: i64,
-}
-
-/// What was sent and what was held back, by kind.
+/// What came in this minute, by kind.
 #[derive(Clone, Debug)]
 pub struct Faults {
     minute: u64,
-    kinds: [Kind; KINDS],
+    /// How many, those sent included.
+    came: [u32; KINDS],
+    /// The number of what was held back.
+    values: [i64; KINDS],
 }
 
 impl Faults {
     /// Nothing went wrong; all zeros.
     pub const fn new() -> Self {
-        Self { minute: 0, kinds: [Kind { sent: 0, held: 0, value: 0 }; KINDS] }
+        Self { minute: 0, came: [0; KINDS], values: [0; KINDS] }
     }
 
     /// Sends a fault, or holds it back.
@@ -41,22 +36,22 @@ impl Faults {
     /// The same of a fault as it is.
     pub(crate) fn gather(&mut self, fault: Fault, sink: &mut dyn FnMut(Message)) {
         let Fault { code, value, .. } = fault;
-        let Some(kind) = self.kinds.get_mut(code as usize) else { return };
-        if kind.sent < A_MINUTE {
-            kind.sent += 1;
+        let kind = code as usize;
+        let (Some(came), Some(held)) = (self.came.get_mut(kind), self.values.get_mut(kind)) else { return };
+        *came = came.saturating_add(1);
+        if *came <= A_MINUTE {
             sink(Message::Fault(fault));
         } else {
-            kind.held = kind.held.saturating_add(1);
-            kind.value = match code {
+            *held = match code {
                 FaultCode::Gap | FaultCode::Overlap | FaultCode::Invalid | FaultCode::Impulses => {
-                    kind.value.saturating_add(value)
+                    held.saturating_add(value)
                 }
                 FaultCode::DeadChannel
                 | FaultCode::ChannelBack
                 | FaultCode::Clipping
                 | FaultCode::OwnNoise
                 | FaultCode::Inverted
-                | FaultCode::Leaking => kind.value | 1 << value.clamp(0, 7),
+                | FaultCode::Leaking => *held | 1 << value.clamp(0, 7),
                 _ => value,
             };
         }
@@ -80,9 +75,9 @@ impl Faults {
 
     /// A minute has ended: tells what was held back.
     pub fn tell(&mut self, index: u64, sink: &mut dyn FnMut(Message)) {
-        for (kind, code) in self.kinds.iter_mut().zip(FaultCode::ALL) {
-            let Kind { held: count, value, .. } = *kind;
-            *kind = Kind { sent: 0, held: 0, value: 0 };
+        for ((came, held), code) in self.came.iter_mut().zip(&mut self.values).zip(FaultCode::ALL) {
+            let (count, value) = (came.saturating_sub(A_MINUTE), *held);
+            (*came, *held) = (0, 0);
             if count > 0 {
                 sink(Message::FaultsHeld(FaultsHeld { code, index, count, value }));
             }

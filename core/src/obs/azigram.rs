@@ -35,13 +35,13 @@ impl Band {
     pub const EMPTY: Self = Self { first_bin: 0, bins: 0, turn: 0.0, paper: false };
 }
 
-/// Periodic Hann divided by its sum.
-static WINDOW: [f32; FRAME] = hann();
+/// The rising half of a periodic Hann window divided by its sum, its middle included; the falling half is the same from the end.
+static WINDOW: [f32; HOP + 1] = hann();
 
-const fn hann() -> [f32; FRAME] {
-    let mut out = [0.0; FRAME];
+const fn hann() -> [f32; HOP + 1] {
+    let mut out = [0.0; HOP + 1];
     let mut n = 0;
-    while n < FRAME {
+    while n <= HOP {
         out[n] = ((0.5 - 0.5 * cos_of_turn(n, FRAME)) / (FRAME as f64 / 2.0)) as f32;
         n += 1;
     }
@@ -54,10 +54,9 @@ fn transform<'a>(
     old: &[f32; HOP],
     new: &[f32; HOP],
 ) -> &'a mut [Complex32; HOP] {
-    let halves = buffer.chunks_exact_mut(HOP).zip(WINDOW.chunks_exact(HOP));
-    for ((half, window), samples) in halves.zip([old, new]) {
-        half.iter_mut().zip(samples).zip(window).for_each(|((b, x), w)| *b = x * w);
-    }
+    let (rising, falling) = buffer.split_at_mut(HOP);
+    rising.iter_mut().zip(old).zip(&WINDOW).for_each(|((b, x), w)| *b = x * w);
+    falling.iter_mut().zip(new).zip(WINDOW.iter().rev()).for_each(|((b, x), w)| *b = x * w);
     microfft::real::rfft_1024(buffer)
 }
 
@@ -253,7 +252,8 @@ mod tests {
 
     #[test]
     fn the_window_is_a_hann_window() {
-        for (n, w) in WINDOW.iter().enumerate() {
+        let falling = WINDOW.iter().rev().take(HOP);
+        for (n, w) in WINDOW.iter().take(HOP).chain(falling).enumerate() {
             let turn = math::f64::TAU * n as f64 / FRAME as f64;
             assert_eq!(*w, ((0.5 - 0.5 * math::f64::cos(turn)) / (FRAME as f64 / 2.0)) as f32, "{n}");
         }

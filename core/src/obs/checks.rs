@@ -4,7 +4,8 @@
 //! a fault where something has been wrong for long, once, and [`FaultCode::SetUpGood`] when it is right again (of a component that was
 //! deaf [`FaultCode::ChannelBack`]).
 //!
-//! - Sign of pressure and vertical motion, and a vertical component in a horizontal one's place (`signs`).
+//! - Sign of pressure and vertical motion, and a vertical component in a horizontal one's place (`signs`): that something is wrong
+//!   ([`FaultCode::SignInDoubt`]), and later what.
 //! - Gain of the horizontal components: by noise and by vessels (`gains`).
 //! - A horizontal component that hears nothing: while vessels pass the other (`deaf`); until that is known no direction is told (`unheard`).
 //! - Pressure exchanged with a component of motion: what is called so has no part in some vessels' sound (`misplaced`).
@@ -83,6 +84,8 @@ pub(super) struct Checks {
     /// The component that was said to be wrong, the vertical one by its sign, a horizontal one by being the vertical, one with
     /// [`PRESSURE`] by being pressure; 0: none.
     said_component: u8,
+    /// Whether it was said that one of them is wrong, and not yet which.
+    in_doubt: bool,
     pairs: Pairs,
     said_table: bool,
 }
@@ -99,6 +102,7 @@ impl Checks {
             unheard: Unheard::new(),
             misplaced: Misplaced::NONE,
             said_component: 0,
+            in_doubt: false,
             pairs: Pairs::new(),
             said_table: false,
         }
@@ -126,7 +130,7 @@ impl Checks {
         let (coherence, chance) = (m.coherences(), m.chance(minute.whole));
         match minute.heard {
             Heard::Vessel => {
-                self.signs.take(&coherence, chance);
+                self.signs.take(&coherence, chance, minute.towards);
                 if !minute.several {
                     self.gains.vessel(&m);
                 }
@@ -189,6 +193,11 @@ impl Checks {
     }
 
     fn tell_order(&mut self, towards: bool, index: u64, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
+        if self.said_component == 0 && !self.in_doubt && self.signs.are_contrary() {
+            self.in_doubt = true;
+            self.signs.forget_right(towards);
+            faults.note(FaultCode::SignInDoubt, index, VERTICAL as u64, sink);
+        }
         let vertical = self.signs.vertical();
         let found = match self.misplaced.pressure() {
             Pressure::Right => self.signs.wrong(towards),
@@ -203,6 +212,9 @@ impl Checks {
             _ => None,
         };
         let Some(found) = found else { return };
+        if core::mem::take(&mut self.in_doubt) {
+            faults.note(FaultCode::SetUpGood, index, FaultCode::SignInDoubt as u64, sink);
+        }
         let said = core::mem::replace(&mut self.said_component, found);
         if said == found {
             return;
@@ -218,9 +230,12 @@ impl Checks {
         }
     }
 
-    /// Whether components are said to be exchanged: no direction is one then.
-    pub(super) fn exchanged(&self) -> bool {
-        self.said_component > 0 && usize::from(self.said_component) != VERTICAL
+    /// Whether no direction is one: components are said to be exchanged, or something is wrong with them and it was not yet said what.
+    pub(super) fn are_misplaced(&self) -> bool {
+        match usize::from(self.said_component) {
+            0 => self.in_doubt,
+            said => said != VERTICAL,
+        }
     }
 
     /// Whether what is called pressure is said to be none: no range is one then.
@@ -303,6 +318,10 @@ mod tests {
         said
     }
 
+    /// It is known that something is wrong, and then what.
+    const DOUBT: (FaultCode, i64) = (FaultCode::SignInDoubt, 3);
+    const OVER: (FaultCode, i64) = (FaultCode::SetUpGood, FaultCode::SignInDoubt as i64);
+
     /// A vessel every two hours, on the other side of each component than the one before; `order` puts its components, of sound
     /// from above, in their places.
     fn traffic(order: impl Fn([f32; 3]) -> [f32; 3]) -> Vec<(FaultCode, i64)> {
@@ -315,9 +334,9 @@ mod tests {
     #[test]
     fn a_sign_turned_round_and_components_exchanged_are_named_once() {
         assert_eq!(traffic(|v| v), []);
-        assert_eq!(traffic(|v| v.map(|x| -x)), [(FaultCode::Reversed, 3)]);
-        assert_eq!(traffic(|[n, e, z]| [z, e, n]), [(FaultCode::Exchanged, 1)]);
-        assert_eq!(traffic(|[n, e, z]| [n, z, e]), [(FaultCode::Exchanged, 2)]);
+        assert_eq!(traffic(|v| v.map(|x| -x)), [DOUBT, OVER, (FaultCode::Reversed, 3)]);
+        assert_eq!(traffic(|[n, e, z]| [z, e, n]), [DOUBT, OVER, (FaultCode::Exchanged, 1)]);
+        assert_eq!(traffic(|[n, e, z]| [n, z, e]), [DOUBT, OVER, (FaultCode::Exchanged, 2)]);
         // What cannot be told: a mirrored world.
         assert_eq!(traffic(|[n, e, z]| [e, n, z]), []);
         assert_eq!(traffic(|[n, e, z]| [-n, e, z]), []);
@@ -334,27 +353,30 @@ mod tests {
         assert_eq!(in_order([1, 0, 2, 3]), [(FaultCode::Exchanged, 5)]);
         assert_eq!(in_order([2, 1, 0, 3]), [(FaultCode::Exchanged, 6)]);
         assert_eq!(in_order([3, 1, 2, 0]), [(FaultCode::Exchanged, 7)]);
-        assert_eq!(in_order([0, 3, 2, 1]), [(FaultCode::Exchanged, 1)]);
+        assert_eq!(in_order([0, 3, 2, 1]), [DOUBT, OVER, (FaultCode::Exchanged, 1)]);
         // Where vertical motion goes with pressure in all that it does, the two cannot be told apart, and nothing wrong is said.
         let soft =
             |places| said(1200, Heard::Vessel, |n| order(&sound(n as f32 / 60.0, 4.0, [1.0, 0.8]), places));
         assert_eq!((soft([0, 1, 2, 3]), soft([3, 1, 2, 0])), (Vec::new(), Vec::new()));
     }
 
+    /// What chance makes of a minute's coherence.
+    struct Noise(u32);
+
+    impl Noise {
+        fn next(&mut self) -> f32 {
+            let mut uniform = || {
+                self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (self.0 >> 8) as f32 / 16_777_216.0
+            };
+            0.03 * ((0..12).map(|_| uniform()).sum::<f32>() - 6.0)
+        }
+    }
+
     /// The same where so much of the vertical motion goes with pressure, and by chance as much in a minute as of 1000 products.
     fn over_a_floor(share: f32, sides: f32, order: impl Fn([f32; 3]) -> [f32; 3]) -> Vec<(FaultCode, i64)> {
-        let mut seed = 3u32;
-        let noise: Vec<f32> = (0..1200)
-            .map(|_| {
-                let sum: f32 = (0..12)
-                    .map(|_| {
-                        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                        (seed >> 8) as f32 / 16_777_216.0
-                    })
-                    .sum();
-                0.03 * (sum - 6.0)
-            })
-            .collect();
+        let mut chance = Noise(3);
+        let noise: Vec<f32> = (0..1200).map(|_| chance.next()).collect();
         said(1200, Heard::Vessel, |n| {
             let (s, c) = math::f32::sin_cos(n as f32 / 60.0);
             vessel(order([0.5 * (c + sides), 0.5 * s, noise[n] - share]))
@@ -364,8 +386,8 @@ mod tests {
     #[test]
     fn a_floor_that_reflects_all_hides_no_sign() {
         assert_eq!(over_a_floor(0.04, 0.0, |v| v), []);
-        assert_eq!(over_a_floor(0.04, 0.0, |v| v.map(|x| -x)), [(FaultCode::Reversed, 3)]);
-        assert_eq!(over_a_floor(0.04, 0.0, |[n, e, z]| [z, e, n]), [(FaultCode::Exchanged, 1)]);
+        assert_eq!(over_a_floor(0.04, 0.0, |v| v.map(|x| -x)), [DOUBT, OVER, (FaultCode::Reversed, 3)]);
+        assert_eq!(over_a_floor(0.04, 0.0, |[n, e, z]| [z, e, n]), [DOUBT, OVER, (FaultCode::Exchanged, 1)]);
         // One that is not heard at all is nothing, not even where all vessels pass north.
         assert_eq!(over_a_floor(0.0, 0.0, |v| v), []);
         assert_eq!(over_a_floor(0.0, 1.2, |v| v), []);
@@ -387,12 +409,68 @@ mod tests {
         assert_eq!(passage(|[n, e, z]| [-n, e, z]), []);
     }
 
+    /// Minutes, of 1200 of traffic whose components are so from minute `from` on, before which no direction is one: the first, and how many.
+    fn withheld(from: usize, order: impl Fn([f32; 3]) -> [f32; 3]) -> (Option<usize>, usize) {
+        let (mut checks, mut faults, mut minutes) = (Checks::new(), Faults::new(), Vec::new());
+        for n in 0..1200 {
+            let (s, c) = math::f32::sin_cos(n as f32 / 60.0);
+            let products = [0.5 * c, 0.5 * s, -0.1];
+            checks.hop(&vessel(if n < from { products } else { order(products) }));
+            let minute = Minute {
+                index: n as u64,
+                heard: Heard::Vessel,
+                several: false,
+                speed_m_s: None,
+                towards: false,
+                whole: 3000,
+            };
+            checks.minute(&minute, &mut faults, &mut |_| {});
+            if checks.are_misplaced() {
+                minutes.push(n);
+            }
+        }
+        (minutes.first().copied(), minutes.len())
+    }
+
+    #[test]
+    fn no_direction_is_told_while_a_sign_is_wrong_and_it_is_not_known_which() {
+        assert_eq!(withheld(0, |v| v), (None, 0));
+        for from in [0, 300, 600] {
+            let reversed = withheld(from, |v| v.map(|x| -x));
+            assert!(reversed.0.is_some_and(|first| (from..from + 20).contains(&first)), "{reversed:?}");
+            // Named, it is told with a warning: half a turn puts it right.
+            assert!((100..400).contains(&reversed.1), "{from} {reversed:?}");
+            let (first, minutes) = withheld(from, |[n, e, z]| [z, e, n]);
+            let first = first.expect("some");
+            assert!(
+                (from..from + 250).contains(&first) && first + minutes == 1200,
+                "{from} {first} {minutes}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_vertical_component_that_hears_little_or_nothing_withholds_no_direction() {
+        for seed in 1..=20 {
+            let mut noise = Noise(seed);
+            let (mut signs, mut doubted) = (AllSigns::NONE, 0);
+            for n in 0..100_000 {
+                signs.take(&[0.5, -0.5, noise.next()], 1.0, n % 2000 < 1000);
+                doubted += usize::from(signs.are_contrary());
+            }
+            assert_eq!(doubted, 0, "{seed}");
+        }
+    }
+
     #[test]
     fn what_is_right_again_is_told() {
         let turned = said(2400, Heard::Vessel, |n| {
             let (s, c) = math::f32::sin_cos(n as f32 / 60.0);
             vessel([0.5 * c, 0.5 * s, if n < 600 { 0.4 } else { -0.4 }])
         });
-        assert_eq!(turned, [(FaultCode::Reversed, 3), (FaultCode::SetUpGood, FaultCode::Reversed as i64)]);
+        assert_eq!(
+            turned,
+            [DOUBT, OVER, (FaultCode::Reversed, 3), (FaultCode::SetUpGood, FaultCode::Reversed as i64)]
+        );
     }
 }

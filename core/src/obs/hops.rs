@@ -144,7 +144,7 @@ impl Hops {
     /// Moments of the last hop, none where a component of it was wrong, a sample was put right in it or in the one before, after which
     /// the filter rings on, or a burst stands out of it: spikes that are not put right are common to all components, and no sound.
     pub(super) fn moments(&mut self) -> Option<Moments> {
-        let moments = core::mem::replace(&mut self.filtered.sums, Moments::NONE);
+        let moments = self.filtered.end_hop();
         let spoilt = self.new.spoilt != [0; 2];
         let rings = core::mem::replace(&mut self.rings, spoilt);
         let still = !spoilt && !rings && self.new.uneven < UNEVEN;

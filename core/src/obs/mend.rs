@@ -12,14 +12,14 @@ use super::limits::{HOP, USED_CHANNELS};
 use crate::block::{CHANNELS, Frame};
 use crate::math;
 
-/// Most samples of a spike: what takes longer is as slow as sound.
-const LONGEST: usize = 3;
+/// Most samples of a spike, 0.16 s at 50 Hz: what takes longer may be a whale's note.
+const LONGEST: usize = 8;
 
 /// Instants looked at together: those judged and two on either side.
 const WINDOW: usize = LONGEST + 4;
 
 /// Places for them, a power of two: the newest takes that of one done with.
-const PLACES: usize = 8;
+const PLACES: usize = 16;
 
 /// Instants before the first that is judged.
 const BEFORE: usize = 2;
@@ -40,8 +40,8 @@ const ORDINARY: f32 = 18.0;
 /// How many times farther out a spike is, squared, than what was before it and than its neighbours are when it is gone.
 const STANDS_OUT: f32 = 6.0;
 
-/// The same of a spike of several samples: two or three on one side are also half a period of sound at a quarter of the rate, which stands
-/// out from before 4.6 times and more where it sets in.
+/// The same of a spike of several samples: two to eight on one side are also half a period of sound at a quarter to a sixteenth of the rate, which
+/// stands out from before 4.6 times and more where it sets in.
 const LONGER_STANDS_OUT: f32 = 40.0;
 
 /// What is remembered of what was before, from instant to instant: half after four.
@@ -229,13 +229,14 @@ pub const SPAN_CODES: i32 = 1024;
 #[derive(Clone, Copy, Debug)]
 struct Extreme {
     code: i32,
+    /// A code that was a rail, and whether it was not passed since.
+    rail: i32,
+    holds: bool,
     hits: u16,
-    /// A code that was a rail and was not passed since.
-    rail: Option<i32>,
 }
 
 impl Extreme {
-    const NEW: Self = Self { code: 0, hits: 0, rail: None };
+    const NEW: Self = Self { code: 0, rail: 0, holds: false, hits: 0 };
 
     /// Takes the farthest `code` of a channel in some instants; `far` says how far out it is, as this extreme counts.
     // Copied for each channel it would be long.
@@ -255,11 +256,11 @@ impl Extreme {
         let least = u32::from(RAIL_HITS) * (instants / HOP as u32);
         let met = hits > 0 && u32::from(hits) >= least && span >= SPAN_CODES;
         if met {
-            self.rail = Some(self.code);
-        } else if hits > 0 && self.rail.is_some_and(|rail| self.code > rail) {
-            self.rail = None;
+            (self.rail, self.holds) = (self.code, true);
+        } else if hits > 0 && self.code > self.rail {
+            self.holds = false;
         }
-        if hits > 0 && self.rail == Some(self.code) { u32::from(hits) } else { 0 }
+        if hits > 0 && self.holds && self.rail == self.code { u32::from(hits) } else { 0 }
     }
 }
 
@@ -353,12 +354,22 @@ mod tests {
     }
 
     #[test]
-    fn spikes_of_two_and_three_samples_are_put_right_and_longer_ones_are_not() {
+    fn spikes_of_two_to_eight_samples_are_put_right_and_longer_ones_are_not() {
         let mut seed = 21;
         let clean: Vec<Instant> =
             (0..20_000).map(|_| core::array::from_fn(|_| gaussian(&mut seed))).collect();
         // A plateau, a decay, and one that swings to the other side.
-        for shape in [&[1.0, 1.0][..], &[1.0, 1.0, 1.0], &[1.0, 0.5], &[1.0, 0.7, 0.4], &[1.0, -0.8]] {
+        for shape in [
+            &[1.0, 1.0][..],
+            &[1.0, 1.0, 1.0],
+            &[1.0, 0.5],
+            &[1.0, 0.7, 0.4],
+            &[1.0, -0.8],
+            &[1.0; 5],
+            &[1.0; 8],
+            &[0.6, 1.0, 0.9, 0.5, 0.3],
+            &[1.0, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.25],
+        ] {
             for height in [70_000.0, 1e6] {
                 let mut hit = clean.clone();
                 let at: Vec<usize> = (500..19_000).step_by(607).collect();
@@ -383,7 +394,7 @@ mod tests {
     #[test]
     fn a_whale_s_note_and_a_loud_tone_are_no_spikes() {
         let mut seed = 5;
-        for hz in [6.0, 8.3, 10.0, 12.0, 16.67, 20.0, 24.0] {
+        for hz in [1.5, 3.0, 4.2, 6.0, 8.3, 10.0, 12.0, 16.67, 20.0, 24.0] {
             let x: Vec<Instant> = (0..10_000)
                 .map(|k| {
                     // A note of 1 s, 26 dB above the noise, every 10 s.

@@ -3,7 +3,8 @@
 //!
 //! Enters: codes of all four components at the recording's rate. Leaves: sums over a hop of the products of what a band-pass
 //! of second order about 16 Hz lets through (half its power from 10 to 26 Hz), which keeps out the microseism and any offset.
-//! Cost: 64 instructions an instant.
+//! Instants in which a channel is [`LIMIT`] deviations off do not count: a spike of all channels at once, too long to be put right, would make
+//! components that hear nothing go together. Cost: 80 instructions an instant.
 
 use crate::block::{CHANNELS, Frame};
 use crate::math;
@@ -13,6 +14,12 @@ const CENTRE_HZ: f32 = 16.0;
 
 /// Highest middle, cycles a sample.
 const MOST: f32 = 0.32;
+
+/// Largest value that counts, in standard deviations of the hop before (of Gaussian noise one instant of 370 has more), the part of a hop's
+/// instants from which on the sound has grown louder, and least limit, codes.
+const LIMIT: f32 = 3.0;
+const LOUDER: u32 = 8;
+const LEAST: f32 = 1.0;
 
 /// The filter: `H(z) = b (1 − z⁻²) / (1 + a₁ z⁻¹ + a₂ z⁻²)`, quality 1.
 #[derive(Clone, Copy, Debug)]
@@ -99,33 +106,66 @@ impl Moments {
 /// The filters' memory, and the sums of the hop that goes on.
 #[derive(Clone, Debug)]
 pub(super) struct Filtered {
-    memory: [[f32; 2]; CHANNELS],
+    /// Both states of each channel's filter, channels side by side: wide registers take all four at once.
+    first: [f32; CHANNELS],
+    second: [f32; CHANNELS],
+    /// Largest value of each channel that counts; 0 before the first run.
+    limit: [f32; CHANNELS],
+    /// Instants of the hop that did not count.
+    left_out: u32,
     pub(super) sums: Moments,
 }
 
 impl Filtered {
     /// Nothing heard; all zeros.
     pub(super) const fn new() -> Self {
-        Self { memory: [[0.0; 2]; CHANNELS], sums: Moments::NONE }
+        Self {
+            first: [0.0; CHANNELS],
+            second: [0.0; CHANNELS],
+            limit: [0.0; CHANNELS],
+            left_out: 0,
+            sums: Moments::NONE,
+        }
     }
 
     /// A run begins with this instant: as if it had always been so.
     pub(super) fn begin(&mut self, filter: &BandPass, first: &Frame) {
         self.sums = Moments::NONE;
-        for (memory, code) in self.memory.iter_mut().zip(first) {
-            *memory = [-filter.b * *code as f32; 2];
+        self.first = first.map(|code| -filter.b * code as f32);
+        self.second = self.first;
+        // Nothing is known yet of how loud it is.
+        if self.limit == [0.0; CHANNELS] {
+            self.limit = [f32::MAX; CHANNELS];
         }
+    }
+
+    /// Ends a hop: its moments.
+    pub(super) fn end_hop(&mut self) -> Moments {
+        let moments = core::mem::replace(&mut self.sums, Moments::NONE);
+        let is_louder = LOUDER * core::mem::take(&mut self.left_out) > moments.instants;
+        for (limit, power) in self.limit.iter_mut().zip(moments.power) {
+            let deviation = math::f32::sqrt(power / moments.instants.max(1) as f32);
+            *limit = if is_louder { 2.0 * *limit } else { (LIMIT * deviation).max(LEAST) };
+        }
+        moments
     }
 
     /// Takes an instant, which the caller counts.
     #[inline(always)]
     pub(super) fn push(&mut self, filter: &BandPass, frame: &Frame) {
-        let mut y = [0f32; CHANNELS];
-        for ((y, [s1, s2]), code) in y.iter_mut().zip(&mut self.memory).zip(frame) {
+        let (mut y, mut is_off) = ([0f32; CHANNELS], false);
+        let states = self.first.iter_mut().zip(&mut self.second).zip(&self.limit);
+        for ((y, ((s1, s2), limit)), code) in y.iter_mut().zip(states).zip(frame) {
             let x = filter.b * *code as f32;
-            *y = x + *s1;
-            *s1 = *s2 - filter.a1 * *y;
-            *s2 = -x - filter.a2 * *y;
+            let out = x + *s1;
+            *s1 = *s2 - filter.a1 * out;
+            *s2 = -x - filter.a2 * out;
+            *y = out;
+            is_off |= math::f32::abs(out) > *limit;
+        }
+        if is_off {
+            self.left_out += 1;
+            return;
         }
         let [pressure, north, east, vertical] = y;
         for ((power, product), y) in self.sums.power.iter_mut().zip(&mut self.sums.with_pressure).zip(y) {
@@ -154,6 +194,41 @@ mod tests {
             filtered.push(&filter, &[5_000_000 + x, x, -300, -x]);
         }
         filtered.sums
+    }
+
+    #[test]
+    fn spikes_of_all_channels_do_not_make_them_go_together() {
+        let filter = BandPass::new(50.0);
+        let mut seed = 11u32;
+        let mut noise = || {
+            let sum: f32 = (0..12)
+                .map(|_| {
+                    seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    (seed >> 8) as f32 / 16_777_216.0
+                })
+                .sum();
+            1000.0 * (sum - 6.0)
+        };
+        for (height, most) in [(0.0, 0.03), (8_000.0, 0.03), (30_000.0, 0.03), (3e5, 0.03)] {
+            let mut filtered = Filtered::new();
+            filtered.begin(&filter, &[0; CHANNELS]);
+            let mut all = Moments::NONE;
+            // Five samples every 11 s, 200 hops.
+            for k in 0..200 * 512 {
+                let spike = if k % 550 < 5 { height } else { 0.0 };
+                filtered.push(&filter, &[0; CHANNELS].map(|_: i32| (noise() + spike) as i32));
+                filtered.sums.instants += 1;
+                if k % 512 == 511 {
+                    let hop = filtered.end_hop();
+                    // The first is not limited yet, nor are the next by much.
+                    if k > 5 * 512 {
+                        all.add(&hop);
+                    }
+                }
+            }
+            let coherences = all.coherences();
+            assert!(coherences.iter().all(|c| c.abs() < most), "{height}: {coherences:?}");
+        }
     }
 
     #[test]

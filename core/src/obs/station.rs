@@ -41,7 +41,7 @@ use crate::wire::Message;
 const CEPSTRUM_UNIT: f32 = 1.0 / 32_768.0;
 
 /// Longest silence worked through minute by minute, minutes; after a longer one the station starts afresh.
-const LONGEST_SILENCE: u64 = 30;
+const LONGEST_SILENCE: u8 = 30;
 
 /// The same where the board's clock alone counts it, seconds.
 pub(crate) const CLOSED_AFTER_S: u32 = 60 * LONGEST_SILENCE as u32;
@@ -81,7 +81,7 @@ pub struct State {
     /// Whether more than one vessel was heard in the last minute.
     several: bool,
     /// Minutes in a row without anything to hear.
-    silent: u64,
+    silent: u8,
     /// Number of the next minute to report; `None` before the first sample.
     minute: Option<u64>,
     /// Index after the last sample taken.
@@ -326,7 +326,7 @@ impl State {
         {
             if self.silent > LONGEST_SILENCE {
                 // As of when anything was recorded: who was heard then is not known to have fallen silent.
-                self.close(plan, k.saturating_sub(self.silent), sink);
+                self.close(plan, k.saturating_sub(u64::from(self.silent)), sink);
                 self.begin(plan, index);
                 return;
             }
@@ -471,13 +471,13 @@ impl State {
         };
         self.steady.learns = !plan.paper && noticed == Heard::Nothing;
         self.checks.ranges(profiles, index, &mut self.intake.faults, sink);
-        let (exchanged, no_pressure) = (self.checks.exchanged(), self.checks.no_pressure());
+        let (misplaced, no_pressure) = (self.checks.are_misplaced(), self.checks.no_pressure());
         let pairs_in_doubt =
             no_pressure || !plan.paper && (plan.lasting.parts_pairs() || self.checks.table_is_off());
         self.tracker.pairs_in_doubt = pairs_in_doubt;
-        // Of the noise of one that is deaf, or may be, of components exchanged, and of noise that hides one, directions are made all the same.
+        // Of the noise of one that is deaf, or may be, of components that are not what they are called, and of noise that hides one, directions are made all the same.
         let hidden = !plan.paper && (self.checks.own_noise.hides_directions() || self.checks.may_be_deaf());
-        let mute = exchanged || hidden || self.checks.deaf();
+        let mute = misplaced || hidden || self.checks.deaf();
         let call = if mute { None } else { call };
         if mute {
             directions.withhold();
@@ -518,7 +518,7 @@ impl State {
                 azigram.into_iter().for_each(|azigram| sink(Message::Azigram(azigram)));
             }
         }
-        if exchanged {
+        if misplaced {
             self.tracker.withdraw(plan, &mut self.evidence, sink);
         }
         self.tracker.minute(plan, &mut self.evidence, k as u32, sink);

@@ -396,6 +396,7 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
+    use rayon::prelude::*;
 
     const SEARCH: Search = Search { gap_s: 60.0, correlated: 1.0, max_shift_s: None, clock_sd_s: 1.0 };
     const DEPTH_M: f64 = 60.0;
@@ -440,7 +441,7 @@ mod tests {
             seabearing_core::angle::wrap_pi(found.rotation.heading - 25.0 * RAD_PER_DEG)
                 / found.rotation.sd[0]
         };
-        (0..24).map(of).collect()
+        (0..24).into_par_iter().map(of).collect()
     }
 
     #[test]

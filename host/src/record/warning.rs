@@ -31,6 +31,12 @@ impl Warning {
                  look at the wiring, or at `intensity` in the station file"
                     .to_owned()
             }
+            FaultCode::SignInDoubt => {
+                "vertical motion goes with pressure as it cannot for sound from above: a sign is turned round or channels are exchanged, and which \
+                 is said once vessels have passed on all sides; until then no azimuth and no track is told (look at the wiring, at the order of \
+                 the channels, and at `intensity` in the station file)"
+                    .to_owned()
+            }
             FaultCode::Exchanged => {
                 let other = if value & 4 == 0 { "the vertical component" } else { "pressure" };
                 let component = match value & 3 {

@@ -56,12 +56,14 @@ pub fn doubted(messages: &[Message], rate_hz: f64) -> Vec<Doubted> {
         let t_s = f.index as f64 / rate_hz;
         let is_open = |d: &&mut Doubted, code: FaultCode| d.to_s.is_none() && d.fault.code == code;
         match f.code {
-            FaultCode::Reversed | FaultCode::Exchanged | FaultCode::Unequal | FaultCode::TableOff => {
-                match out.iter_mut().find(|d| is_open(d, f.code)) {
-                    Some(d) => d.fault = *f,
-                    None => out.push(Doubted { fault: *f, from_s: t_s, to_s: None }),
-                }
-            }
+            FaultCode::SignInDoubt
+            | FaultCode::Reversed
+            | FaultCode::Exchanged
+            | FaultCode::Unequal
+            | FaultCode::TableOff => match out.iter_mut().find(|d| is_open(d, f.code)) {
+                Some(d) => d.fault = *f,
+                None => out.push(Doubted { fault: *f, from_s: t_s, to_s: None }),
+            },
             FaultCode::OwnNoise => out.push(Doubted { fault: *f, from_s: t_s, to_s: None }),
             FaultCode::SetUpGood => {
                 let over = FaultCode::ALL.iter().find(|code| **code as i64 == f.value);
