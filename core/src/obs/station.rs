@@ -36,6 +36,7 @@ use crate::intake::{Event, Intake, Run, Step};
 use crate::math;
 use crate::slow_levels::SlowLevels;
 use crate::wire::Message;
+use core::num::NonZeroU64;
 
 /// Steps of a stored cepstrum.
 const CEPSTRUM_UNIT: f32 = 1.0 / 32_768.0;
@@ -82,8 +83,8 @@ pub struct State {
     several: bool,
     /// Minutes in a row without anything to hear.
     silent: u8,
-    /// Number of the next minute to report; `None` before the first sample.
-    minute: Option<u64>,
+    /// Number of the next minute to report, the first being 1; `None` before the first sample.
+    minute: Option<NonZeroU64>,
     /// Index after the last sample taken.
     end: u64,
 }
@@ -269,7 +270,7 @@ impl State {
     fn begin(&mut self, plan: &Plan<'_>, index: u64) {
         self.presence.start(plan.max_range_m());
         self.clear();
-        self.minute = Some(minute_after(plan, index));
+        self.minute = NonZeroU64::new(minute_after(plan, index));
     }
 
     /// Drops frames and minutes.
@@ -293,13 +294,13 @@ impl State {
         let end = self.end;
         self.catch_up(plan, scratch, end, sink);
         // Minutes whose window the end cuts are reported while their centre was recorded.
-        while let Some(k) = self.minute
+        while let Some(k) = self.minute.map(NonZeroU64::get)
             && centre(plan, k) <= end
         {
-            self.minute = Some(k + 1);
+            self.minute = NonZeroU64::new(k + 1);
             self.report(plan, scratch, k, sink);
         }
-        if let Some(k) = self.minute {
+        if let Some(k) = self.minute.map(NonZeroU64::get) {
             self.close(plan, k.saturating_sub(1), sink);
         }
         self.slow.end(&plan.slow, sink);
@@ -321,7 +322,7 @@ impl State {
         sink: &mut dyn FnMut(Message),
     ) {
         let half = (HALF_WINDOW_S * plan.rate_hz) as u64;
-        while let Some(k) = self.minute
+        while let Some(k) = self.minute.map(NonZeroU64::get)
             && centre(plan, k) + half < index
         {
             if self.silent > LONGEST_SILENCE {
@@ -330,7 +331,7 @@ impl State {
                 self.begin(plan, index);
                 return;
             }
-            self.minute = Some(k + 1);
+            self.minute = NonZeroU64::new(k + 1);
             let heard = self.report(plan, scratch, k, sink);
             self.silent = if heard { 0 } else { self.silent + 1 };
         }
