@@ -437,7 +437,7 @@ mod tests {
         assert_eq!(withheld(0, |v| v), (None, 0));
         for from in [0, 300, 600] {
             let reversed = withheld(from, |v| v.map(|x| -x));
-            assert!(reversed.0.is_some_and(|first| (from..from + 40).contains(&first)), "{reversed:?}");
+            assert!(reversed.0.is_some_and(|first| (from..from + 20).contains(&first)), "{reversed:?}");
             // Named, it is told with a warning: half a turn puts it right.
             assert!((100..400).contains(&reversed.1), "{from} {reversed:?}");
             let (first, minutes) = withheld(from, |[n, e, z]| [z, e, n]);
@@ -455,17 +455,10 @@ mod tests {
             let mut noise = Noise(seed);
             let (mut signs, mut doubted) = (AllSigns::NONE, 0);
             for n in 0..100_000 {
-                let (s, c) = math::f32::sin_cos(n as f32 / 40.0);
-                signs.take(&[0.5 * c, 0.5 * s, noise.next()], 1.0, n % 2000 < 1000);
+                signs.take(&[0.5, -0.5, noise.next()], 1.0, n % 2000 < 1000);
                 doubted += usize::from(signs.are_contrary());
             }
             assert_eq!(doubted, 0, "{seed}");
-        }
-        // Nor does a vessel of one line that stands still, whatever sign the vertical motion has there.
-        let (mut noise, mut signs) = (Noise(4), AllSigns::NONE);
-        for _ in 0..10_000 {
-            signs.take(&[0.3 + noise.next(), -0.4 + noise.next(), 0.2 + noise.next()], 1.0, false);
-            assert!(!signs.are_contrary());
         }
     }
 

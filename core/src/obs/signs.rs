@@ -36,19 +36,12 @@ const MOSTLY: u32 = 85;
 const ONE_SIDED: u32 = 95;
 const BOTH_SIDES: u32 = 92;
 
-/// Steps of the wrong sign's sum, coherence; what a minute counts at most, what is taken from the sum in each minute so that chance adds up to nothing,
-/// and the sum that is not chance (0.06, 0.0075 and 0.8 of coherence). In 48 simulated days of two to five vessels it is never above half of that where
-/// nothing is wrong; turned round it is reached after 80 to 190 minutes with vessels, from the start or from the eighth hour on.
-const STEP: f32 = 0.0025;
-const COUNTS: f32 = 24.0;
-const CHANCE: i16 = 3;
-const CONTRARY: i16 = 320;
-
-/// Axes to half a turn; how far off a vessel is found elsewhere (30°), and what one axis counts at most: of a vessel that hardly moves and whose power is
-/// in few lines the vertical motion may have one sign, whichever, for hours, and the horizontal ones both, along one axis.
-const AXES: f32 = 256.0;
-const ELSEWHERE: u8 = 43;
-const OF_ONE_AXIS: i16 = 240;
+/// What a minute's coherence counts at most towards the wrong sign's sum, what is taken from the sum in each minute so that chance adds up to nothing,
+/// and the sum that is not chance. In 48 simulated days of two to five vessels it is never above 0.41 where nothing is wrong; turned round it is reached
+/// after 80 to 170 minutes with vessels, from the start or from the eighth hour on.
+const COUNTS: f32 = 0.06;
+const CHANCE: f32 = 0.0075;
+const CONTRARY: f32 = 0.8;
 
 /// Components: pressure, north, east, vertical.
 const NORTH: usize = 1;
@@ -129,31 +122,20 @@ pub(super) struct AllSigns {
     /// Of north, east, vertical.
     of: [Signs; 3],
     /// What the vertical one had of the wrong sign.
-    contrary: i16,
-    /// Axis of the horizontal ones that it counts for, and what it had there.
-    axis: u8,
-    of_axis: u8,
+    contrary: f32,
 }
 
 impl AllSigns {
     /// Nothing known; all zeros.
-    pub(super) const NONE: Self = Self { of: [Signs::NONE; 3], contrary: 0, axis: 0, of_axis: 0 };
+    pub(super) const NONE: Self = Self { of: [Signs::NONE; 3], contrary: 0.0 };
 
     /// Takes a minute's coherences with pressure, how much larger chance makes them than those of a whole minute, and the sign that the vertical one should
     /// have.
     pub(super) fn take(&mut self, coherence: &[f32; 3], chance: f32, towards: bool) {
-        let [north, east, vertical] = *coherence;
-        let wrong = if towards { -vertical } else { vertical } / (STEP * chance);
+        let [.., vertical] = *coherence;
+        let wrong = if towards { -vertical } else { vertical } / chance;
+        self.contrary = (self.contrary + wrong.clamp(-COUNTS, COUNTS) - CHANCE).clamp(0.0, CONTRARY);
         let [slightly, clearly] = COHERENT.map(|least| least * chance);
-        let axis = (math::f32::atan2(east, north) * (AXES / math::f32::PI)) as i32 as u8;
-        let is_heard = north * north + east * east > clearly * clearly;
-        if is_heard && (axis.wrapping_sub(self.axis) as i8).unsigned_abs() > ELSEWHERE {
-            (self.axis, self.of_axis) = (axis, 0);
-        }
-        let of_axis = i16::from(self.of_axis);
-        let more = (wrong.clamp(-COUNTS, COUNTS) as i16 - CHANCE).min(OF_ONE_AXIS - of_axis);
-        self.of_axis = (of_axis + more).max(0) as u8;
-        self.contrary = (self.contrary + more).clamp(0, CONTRARY);
         for (signs, coherence) in self.of.iter_mut().zip(coherence) {
             signs.slight.take(*coherence, slightly);
             if math::f32::abs(*coherence) > clearly {
