@@ -281,6 +281,7 @@ impl Checks {
 
 #[cfg(test)]
 mod tests {
+    use super::super::mend::tests::gaussian;
     use super::super::misplaced::tests::{order, sound};
     use super::*;
     use std::vec::Vec;
@@ -296,19 +297,17 @@ mod tests {
         }
     }
 
+    /// Minute `n`, of a station whose vertical motion should go against pressure.
+    fn minute(n: usize, heard: Heard) -> Minute {
+        Minute { index: n as u64, heard, several: false, speed_m_s: None, towards: false, whole: 3000 }
+    }
+
     /// What is said in so many minutes.
     fn said(minutes: usize, heard: Heard, moments: impl Fn(usize) -> Moments) -> Vec<(FaultCode, i64)> {
         let (mut checks, mut faults, mut said) = (Checks::new(), Faults::new(), Vec::new());
         for n in 0..minutes {
             checks.hop(&moments(n));
-            let minute = Minute {
-                index: n as u64,
-                heard,
-                several: false,
-                speed_m_s: None,
-                towards: false,
-                whole: 3000,
-            };
+            let minute = minute(n, heard);
             checks.minute(&minute, &mut faults, &mut |m| {
                 if let Message::Fault(f) = m {
                     said.push((f.code, f.value));
@@ -365,11 +364,7 @@ mod tests {
 
     impl Noise {
         fn next(&mut self) -> f32 {
-            let mut uniform = || {
-                self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                (self.0 >> 8) as f32 / 16_777_216.0
-            };
-            0.03 * ((0..12).map(|_| uniform()).sum::<f32>() - 6.0)
+            0.03e-3 * gaussian(&mut self.0)
         }
     }
 
@@ -409,21 +404,14 @@ mod tests {
         assert_eq!(passage(|[n, e, z]| [-n, e, z]), []);
     }
 
-    /// Minutes, of 1200 of traffic whose components are so from minute `from` on, before which no direction is one: the first, and how many.
+    /// Of 1200 minutes of traffic whose components are so from minute `from` on: the first after which no direction is one, and how many.
     fn withheld(from: usize, order: impl Fn([f32; 3]) -> [f32; 3]) -> (Option<usize>, usize) {
         let (mut checks, mut faults, mut minutes) = (Checks::new(), Faults::new(), Vec::new());
         for n in 0..1200 {
             let (s, c) = math::f32::sin_cos(n as f32 / 60.0);
             let products = [0.5 * c, 0.5 * s, -0.1];
             checks.hop(&vessel(if n < from { products } else { order(products) }));
-            let minute = Minute {
-                index: n as u64,
-                heard: Heard::Vessel,
-                several: false,
-                speed_m_s: None,
-                towards: false,
-                whole: 3000,
-            };
+            let minute = minute(n, Heard::Vessel);
             checks.minute(&minute, &mut faults, &mut |_| {});
             if checks.are_misplaced() {
                 minutes.push(n);

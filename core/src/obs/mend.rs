@@ -311,11 +311,12 @@ impl Rails {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use std::vec::Vec;
 
-    fn gaussian(seed: &mut u32) -> f32 {
+    /// Gaussian noise of deviation 1000.
+    pub(in crate::obs) fn gaussian(seed: &mut u32) -> f32 {
         let mut sum = 0.0;
         for _ in 0..12 {
             *seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

@@ -130,7 +130,7 @@ impl Filtered {
 
     /// A run begins with this instant: as if it had always been so.
     pub(super) fn begin(&mut self, filter: &BandPass, first: &Frame) {
-        self.sums = Moments::NONE;
+        (self.sums, self.left_out) = (Moments::NONE, 0);
         self.first = first.map(|code| -filter.b * code as f32);
         self.second = self.first;
         // Nothing is known yet of how loud it is.
@@ -181,6 +181,7 @@ impl Filtered {
 
 #[cfg(test)]
 mod tests {
+    use super::super::mend::tests::gaussian;
     use super::*;
 
     /// Powers of the components of a tone of amplitude 1000 in pressure, north and (reversed) vertical, 10 s at a rate.
@@ -199,16 +200,8 @@ mod tests {
     #[test]
     fn spikes_of_all_channels_do_not_make_them_go_together() {
         let filter = BandPass::new(50.0);
-        let mut seed = 11u32;
-        let mut noise = || {
-            let sum: f32 = (0..12)
-                .map(|_| {
-                    seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                    (seed >> 8) as f32 / 16_777_216.0
-                })
-                .sum();
-            1000.0 * (sum - 6.0)
-        };
+        let mut seed = 11;
+        let mut noise = || gaussian(&mut seed);
         for (height, most) in [(0.0, 0.03), (8_000.0, 0.03), (30_000.0, 0.03), (3e5, 0.03)] {
             let mut filtered = Filtered::new();
             filtered.begin(&filter, &[0; CHANNELS]);
