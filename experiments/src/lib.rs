@@ -78,6 +78,7 @@ mod report;
 pub mod score;
 mod sea;
 mod sea_moving;
+mod sea_near;
 mod sea_passes;
 mod sea_positions;
 mod sea_sick;
@@ -147,6 +148,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     sub_bands::EXPERIMENT,
     sea_passes::SURFACE,
     sea_passes::BOTTOM,
+    sea_near::EXPERIMENT,
     sea_weak::EXPERIMENT,
     sea_sick::EXPERIMENT,
     sea_snaps::EXPERIMENT,

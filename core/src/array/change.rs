@@ -57,10 +57,14 @@ const FRINGED_S: f32 = 1.9e-6;
 /// one to the other, level ones stay half-way. In units of how far each is from there.
 const HOP: f32 = 0.8;
 /// Share of it that is in the level part of the vector, away from the array, for each unit of the vessel's height: level pairs tell that, and between the two
-/// their delays differ by as much less.
+/// their delays differ by as much less; of a vessel high above by as much more.
 const AWAY: f32 = 0.4;
 /// Standard deviation of the speed with which a vessel comes nearer or goes away, m/s: with the depth it tells how fast its elevation changes.
 const RISING_M_S: f32 = 5.0;
+/// On a straight course r²φ' stays the same, for the distance r along the surface and the azimuth's rate φ', which so changes by −2φ'·r'/r. Standard deviation
+/// of r', m/s (half of what vessels have: as much, and late channels hide in it), and most of r'/r, 1/s.
+const NEARING_M_S: f32 = 2.5;
+const MOST_NEARING_A_S: f32 = 0.5;
 /// Standard deviation of what multipath does to a delay where the vector's length is looked at, samples, and natural logarithm of the
 /// likelihood ratio that ends a suspicion.
 const STRAIN_SAMPLES: f32 = 0.15;
@@ -99,6 +103,9 @@ struct Course {
     factor: f32,
     /// The same of a hop's variance, upwards: now, and for the squared seconds later.
     up: (f32, f32),
+    /// What its level part bends by in the square of the time, 1/s², and the variance of what that moves it by.
+    bend: [f32; 2],
+    bent: f32,
     /// How long ago its first segment was, seconds.
     length_s: f32,
     /// How far from it the first segment was that jumped.
@@ -137,6 +144,8 @@ impl Change {
                 rate: [0.0; 3],
                 factor: 0.0,
                 up: (0.0, 0.0),
+                bend: [0.0; 2],
+                bent: 0.0,
                 length_s: 0.0,
                 jump: [0.0; 3],
             },
@@ -200,8 +209,7 @@ impl Change {
                 let from = unit(&course.place);
                 let across = wavefront::tangents(&from).0;
                 let [c, s, _] = across;
-                let fringed = plan.vessel_over_array_depth > 0.0;
-                let floor = if fringed { FRINGED_S } else { FLOOR_SAMPLES / plan.rate_hz };
+                let floor = floor_s(plan);
                 let late = JUMPED_SAMPLES / (plan.rate_hz * floor);
                 let (least, most) = JUMPED;
                 let jumped = if among_others || few { most } else { (late * late).clamp(least, most) };
@@ -210,12 +218,12 @@ impl Change {
                     BEND * wavefront::dot(&course.rate, &course.rate) * course.length_s * course.length_s;
                 let [a, b] = [0, 1].map(|k: usize| {
                     let paths = usual.lasting[k].max(floor * floor);
-                    usual.noise[k] * (1.0 + course.factor) + paths + turn * turn
+                    usual.noise[k] * (1.0 + course.factor) + paths + turn * turn + course.bent
                 });
                 let widest = a.max(b);
                 let hop = hop(context, &from);
                 let hops = hop * hop * (1.0 + course.up.0);
-                let away = AWAY * from[2];
+                let away = AWAY.max(from[2] * from[2]) * from[2];
                 let exchanged = [widest, widest + hops * away * away, widest + hops];
                 let [_, away, up] = exchanged;
                 let jump = Jump {
@@ -425,7 +433,53 @@ impl Change {
         }
         course.up = (factor(upright), 1.0 / upright);
         course.length_s = used.last().map_or(0.0, |(_, when)| seconds(plan, *when, index));
+        self.bend(context, used, middle, square, &mut course);
         Some(course)
+    }
+
+    /// Bends a course by as much as its segments show beside a line, and a vessel does that comes nearer or goes away.
+    #[inline(never)]
+    fn bend(
+        &self,
+        context: &Context<'_>,
+        used: &[([f32; 3], u64)],
+        middle: f32,
+        square: f32,
+        course: &mut Course,
+    ) {
+        let plan = context.plan;
+        let from = used.first().map_or([0.0; 3], |(newest, _)| unit(newest));
+        let [x, y, up] = from;
+        let level = m::hypot(x, y).max(0.1);
+        let nearing =
+            (NEARING_M_S * up.max(0.0) / (plan.depth_m * level).max(f32::MIN_POSITIVE)).min(MOST_NEARING_A_S);
+        let prior = nearing * m::hypot(course.rate[0], course.rate[1]);
+        // Of the square of the time what no line explains.
+        let (mut cube, mut of) = (0.0, 0.0);
+        for (_, when) in used {
+            let t = -seconds(plan, *when, context.index) - middle;
+            cube += t * t * t;
+            of += 1.0;
+        }
+        let (spread, skew) = (square / of, cube / square.max(f32::MIN_POSITIVE));
+        let beside = |t: f32| t * t - skew * t - spread;
+        let (mut power, mut along) = (0.0, [0.0f32; 2]);
+        for (v, when) in used {
+            let q = beside(-seconds(plan, *when, context.index) - middle);
+            power += q * q;
+            along.iter_mut().zip(v).for_each(|(sum, x)| *sum += q * x);
+        }
+        let duals = duals(plan);
+        let floor = floor_s(plan) * length(&duals[0]) / plan.inv_c;
+        let noise = self.usual().noise[0] + floor * floor;
+        let power = power + noise / (prior * prior).max(f32::MIN_POSITIVE);
+        let now = beside(-middle);
+        course.bend = along.map(|sum| sum / power);
+        course.bent = now * now * noise / power;
+        for ((place, rate), bend) in course.place.iter_mut().zip(&mut course.rate).zip(course.bend) {
+            *place += now * bend;
+            *rate -= (2.0 * middle + skew) * bend;
+        }
     }
 
     /// The course from before a jump, at sample `index`.
@@ -436,9 +490,15 @@ impl Change {
         for (place, rate) in course.place.iter_mut().zip(&course.rate) {
             *place += t * rate;
         }
+        for ((place, rate), bend) in course.place.iter_mut().zip(&mut course.rate).zip(course.bend) {
+            *place += t * t * bend;
+            *rate += 2.0 * t * bend;
+        }
         // The variance of what a line gives grows with the square of the time from its middle.
         let grown = 1.0 + t / (0.5 * course.length_s).max(0.1);
-        course.factor *= grown * grown;
+        let grown = grown * grown;
+        course.factor *= grown;
+        course.bent *= grown * grown;
         let (now, rate) = course.up;
         let sum = m::sqrt(now) + t * m::sqrt(rate);
         course.up.0 = sum * sum;
@@ -468,6 +528,11 @@ fn hop(context: &Context<'_>, from: &Direction) -> f32 {
     let square = resolved * resolved;
     let fourth = square * square;
     HOP * half * (fourth * fourth).min(1.0)
+}
+
+/// What paths do to a delay at any time, seconds.
+fn floor_s(plan: &Plan) -> f32 {
+    if plan.vessel_over_array_depth > 0.0 { FRINGED_S } else { FLOOR_SAMPLES / plan.rate_hz }
 }
 
 #[inline(never)]

@@ -94,6 +94,25 @@ fn pairs_that_go_from_a_vessel_to_its_image_are_no_change() {
 }
 
 #[test]
+fn a_vessel_that_turns_ever_faster_as_it_comes_near_is_no_change() {
+    let mut plan = planned(64_000.0, |array| array.vessel_depth_m = 4.0);
+    (plan.depth_m, plan.vessel_over_array_depth) = (30.0, 4.0 / 30.0);
+    for n in 0..4u64 {
+        let mut sea = Vec::new();
+        for k in 0..44 {
+            // 8 m/s, 32 m aside at its closest in 3 s.
+            let along = 8.0 * (0.25 * k as f64 - 14.0);
+            let azimuth = 1.5 * n as f64 + along.atan2(32.0);
+            let up = 30.0f64.atan2(along.hypot(32.0));
+            let heard = source(&plan, (azimuth, up), 3.0, None, 1, 1300 + 70 * n + k);
+            sea.extend_from_slice(&heard[150..150 + 16_000]);
+        }
+        let faults = hear(&plan, &noisy(sea, n)).faults;
+        assert!(faults.iter().all(|f| f.0 == FaultCode::Impulses), "{n}: {faults:?}");
+    }
+}
+
+#[test]
 fn a_channel_that_becomes_late_is_noticed_wherever_the_vessel_is() {
     // Where pairs contradict each other as exchanged channels' do, none is told.
     let mut told = 0;

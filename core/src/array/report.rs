@@ -63,6 +63,10 @@ const UNKNOWN_DEPTH_SD: f32 = 0.5;
 /// standard deviation of the elevation, in units of half of what they are apart, for each `(apart / (2 · resolution))⁴` up to 1: a law that fits passes at 64 kHz,
 /// 200 m to 1 km away from arrays 60 and 168 m deep.
 const ONE_OF_TWO_SD: f32 = 0.7;
+/// What the same puts on the azimuth, where they are more than [`FAR_APART`] resolutions from half-way, as each pair is nearer to the one or the other: a law that
+/// fits passes 30 to 60 m from arrays 25 to 60 m deep at 64 kHz.
+const ASIDE_OF_TWO_SD: f32 = 0.008;
+const FAR_APART: f32 = 4.0;
 /// The same of one pair beside the two others: a law that fits the same passes heard by three hydrophones.
 const PAIRS_APART: f32 = 0.2;
 /// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
@@ -247,6 +251,8 @@ pub(super) fn bearing(
     let square = resolved * resolved;
     if context.depth.is_none() {
         image_sd = m::hypot(image_sd, ONE_OF_TWO_SD * from_middle * (square * square).min(1.0));
+        let aside = ASIDE_OF_TWO_SD * from_middle * (square / (FAR_APART * FAR_APART)).min(1.0);
+        first_angle += aside * aside;
     }
     if plan.vessel_over_array_depth > 0.0 {
         image_sd = m::hypot(image_sd, m::sqrt(paths * inverse.2));
