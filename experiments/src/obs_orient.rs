@@ -3,6 +3,7 @@
 //! The station lies 350 m east and 50 m north of its nominal position, its first horizontal points to 77° and is taken to
 //! point to 60°. Vessels pass one after the other, six hours apart; `--runs` is their number.
 
+use super::figure::Bar;
 use super::obs_world::{print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::course::VesselCourse;
@@ -28,6 +29,18 @@ const OFFSET_M: (f64, f64) = (350.0, 50.0);
 /// Where its first horizontal is thought to point, degrees; in truth 77.
 const ASSUMED_DEG: f64 = 60.0;
 const PASSAGE_S: f64 = 21_600.0;
+/// The tracks' clock the second time, s.
+const LATE_S: f64 = 60.0;
+
+/// The same course told by a clock that is late.
+fn later(course: &VesselCourse, late_s: f64) -> VesselCourse {
+    match course {
+        VesselCourse::Fixes(fixes) => {
+            VesselCourse::Fixes(fixes.iter().map(|(t_s, place)| (t_s + late_s, *place)).collect())
+        }
+        other => other.clone(),
+    }
+}
 
 fn run(options: &Options) -> Result<()> {
     let table = station_table(options)?;
@@ -79,6 +92,19 @@ fn run(options: &Options) -> Result<()> {
     print(options, "obs-orient", csv)?;
     let off = (found_deg - true_deg).abs() / turn.sd.to_degrees();
     options.figures.at_most("orientation error in standard deviations", off, 3.0);
+    for (late_s, tracks) in [(0.0, "as they are"), (-LATE_S, "60 s late")] {
+        let courses: Vec<VesselCourse> = courses.iter().map(|course| later(course, -late_s)).collect();
+        let found = place(&evidence, &courses, &travel, SEARCH_M);
+        if let Some(late) = found.as_ref().ok().and_then(|found| found.lateness) {
+            let name = format!("tracks {tracks}: error of the clock's shift in standard deviations");
+            options.figures.at_most(name, (late.late_s - late_s).abs() / late.sd_s, 3.0);
+        }
+        // A place that is not told is not wrong.
+        let said = found.map_or(late_s != 0.0, |found| found.lateness.is_some_and(|l| l.is_wrong()));
+        let name = format!("tracks {tracks}: said to be of another clock, or no place told");
+        let wanted = f64::from(u8::from(late_s != 0.0));
+        options.figures.report(name, f64::from(u8::from(said)), Bar::Within(wanted, wanted));
+    }
     let place = (at.east_m - OFFSET_M.0).hypot(at.north_m - OFFSET_M.1);
     options.figures.at_most("place error, m", place, 50.0);
     Ok(())

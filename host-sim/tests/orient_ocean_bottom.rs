@@ -129,7 +129,21 @@ fn records_of_two_passages_give_orientation_and_position() {
     let args =
         ["orient", "--station", &station, "--track", &tracks[0], "--track", &tracks[1], "--json", &input];
     let output = seabearing(&args);
-    judge(&records(&output), 0.5, 60.0);
+    let got = records(&output);
+    judge(&got, 0.5, 60.0);
+    assert!(got[1]["consistent"] == true && number(&got[1], "time_shift_s").abs() < 10.0, "{got:?}");
+
+    // Tracks whose clock is a minute late are said to be.
+    for (k, &(cpa_time_s, range, heading)) in passes.iter().enumerate() {
+        write_track(Path::new(&tracks[k]), cpa_time_s - 7800.0, cpa_time_s + 7800.0, |t| {
+            vessel(t - 60.0, cpa_time_s, range, heading)
+        });
+    }
+    let output = seabearing(&args);
+    let (got, said) = (records(&output), String::from_utf8_lossy(&output.stderr));
+    // No one place explains them; where one does nearly it is told as inconsistent.
+    assert!(got.iter().all(|r| r["type"] != "position" || r["consistent"] == false), "{got:?}");
+    assert!(said.contains(") later than those of the recording"), "{said}");
 
     // One passage over the station: either side of it is as good, and that is said; the orientation stays.
     let over = [(8000.0, 0.0, 60.0)];

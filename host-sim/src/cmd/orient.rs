@@ -7,6 +7,7 @@ use crate::geodesy::LocalFrame;
 use crate::line::doubts::{at_limit, doubts};
 use crate::line::known;
 use crate::line::records as line_records;
+use crate::ocean_bottom::lateness::Lateness;
 use crate::ocean_bottom::mirrored::Horizontals;
 use crate::ocean_bottom::place::{Displacement, SEARCH_M};
 use crate::ocean_bottom::records::is_records;
@@ -391,7 +392,15 @@ fn of_survey(station: &Station, found: Survey) -> Result<Vec<Value>> {
         log::warn!("{}", doubt.text());
     }
     match (&found.position, &found.turn) {
-        (Ok(offset), _) => out.push(position_record(&station.config, offset, &found.table)),
+        (Ok(offset), _) => {
+            if let Some(late) = offset.lateness.filter(Lateness::is_wrong) {
+                log::warn!(
+                    "{}: the position and the orientation are off by what vessels go meanwhile, which their deviations do not say",
+                    late.text()
+                );
+            }
+            out.push(position_record(&station.config, offset, &found.table));
+        }
         (Err(reason), Ok(_)) => log::warn!("{reason}"),
         (Err(reason), Err(turn)) => bail!("{turn}; {reason}"),
     }
@@ -421,6 +430,8 @@ fn position_record(config: &StationConfig, offset: &Displacement, table: &Propag
         "type": "position", "x_m": east + offset.east_m, "y_m": north + offset.north_m, "sd_x_m": sd_x_m, "sd_y_m": sd_y_m,
         "cov_xy_m2": offset.cov_m2[2], "moved_east_m": offset.east_m, "moved_north_m": offset.north_m,
         "n": offset.n, "passes": offset.passages, "table": table.name,
+        "time_shift_s": offset.lateness.map(|l| l.late_s), "sd_time_shift_s": offset.lateness.map(|l| l.sd_s),
+        "consistent": !offset.lateness.is_some_and(|l| l.is_wrong()),
     });
     if let Some((lat, lon)) = config.lat_lon_deg {
         let (lat, lon) = LocalFrame::new(lat, lon).lat_lon_deg(offset.east_m, offset.north_m);

@@ -14,6 +14,7 @@ pub mod echoes_along;
 pub mod event;
 mod evidence;
 pub mod far;
+pub mod lateness;
 pub(crate) mod mended;
 pub mod mirrored;
 pub mod orient;

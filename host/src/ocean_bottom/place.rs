@@ -9,6 +9,7 @@
 //! Neighbouring moments share errors (of the table, of the filter), so the curvature of the likelihood claims too much:
 //! the covariance is that of the mean of up to six parts of the evidence, interleaved in pieces of 20 minutes.
 
+use super::lateness::{Lateness, lateness};
 use super::stages::{MomentEvidence, RANGE_STEP_M};
 use crate::course::{EastNorth, VesselCourse, polar};
 use rayon::prelude::*;
@@ -51,6 +52,8 @@ pub struct Displacement {
     pub n: usize,
     /// Passages used.
     pub passages: usize,
+    /// How late the recording's clock is beside that of the tracks, where vessels' courses tell.
+    pub lateness: Option<Lateness>,
 }
 
 impl Displacement {
@@ -83,6 +86,9 @@ pub enum NotObserved {
          another course or side would tell"
     )]
     Ambiguous(f64),
+    /// No one place explains the ranges, and the clock is this late beside that of the tracks (s).
+    #[error("the position is not observed: {}", .0.text())]
+    Clock(Lateness),
     /// The parts of the data disagree by this standard deviation (m): no more is known than the search began with.
     #[error("the position is not observed: parts of the data disagree by {0:.0} m (standard deviation)")]
     Uncertain(f64),
@@ -107,7 +113,7 @@ pub fn alone(courses: &[VesselCourse], t_s: f64) -> Option<(usize, &VesselCourse
 }
 
 /// A moment that is used: its time, the vessel, its evidence of range.
-type Used<'a> = (f64, &'a VesselCourse, &'a [f32]);
+pub(super) type Used<'a> = (f64, &'a VesselCourse, &'a [f32]);
 
 /// The station's place, within `search_m` of the nominal one.
 ///
@@ -138,16 +144,18 @@ pub fn place(
         return Err(NotObserved::TooShort(parts.len()));
     }
     let coarse = search_m / 20.0;
-    let scored = grid(&used, travel, (0.0, 0.0), search_m, coarse);
+    let scored = grid(&used, travel, 0.0, (0.0, 0.0), search_m, coarse);
     let start = top(&scored);
     let from_nominal = |p: EastNorth| p.0.abs().max(p.1.abs());
     if from_nominal(start) > search_m - 1.5 * coarse {
         return Err(NotObserved::Edge(start.0.hypot(start.1)));
     }
-    let best = climb(&used, travel, start, &[(1.5 * coarse, 20.0), (30.0, 4.0)]);
+    let best = climb(&used, travel, 0.0, start, &[(1.5 * coarse, 20.0), (30.0, 4.0)]);
+    let lateness = lateness(&used, &parts, travel, best);
+    let or_clock = |reason| lateness.filter(Lateness::is_wrong).map_or(reason, NotObserved::Clock);
 
     let each: Vec<EastNorth> =
-        parts.iter().map(|part| climb(part, travel, best, &[(240.0, 40.0), (40.0, 8.0)])).collect();
+        parts.iter().map(|part| climb(part, travel, 0.0, best, &[(240.0, 40.0), (40.0, 8.0)])).collect();
     let n = each.len() as f64;
     let mean = |f: &dyn Fn(&EastNorth) -> f64| each.iter().map(f).sum::<f64>() / n;
     let (east, north) = (mean(&|p| p.0), mean(&|p| p.1));
@@ -160,22 +168,22 @@ pub fn place(
     let sd = cov_m2[0].max(cov_m2[1]).sqrt();
     // Parts that scatter over all they may reach have found nothing.
     if sd * n.sqrt() > 160.0 {
-        return Err(NotObserved::Uncertain(sd));
+        return Err(or_clock(NotObserved::Uncertain(sd)));
     }
     // What is explained is counted from the score of a place where nothing is.
     let explained = |score: f64| score + used.len() as f64 * std::f64::consts::LN_2;
     let apart = APART_M.max(4.0 * sd);
     let distance = |p: EastNorth| (p.0 - best.0).hypot(p.1 - best.1);
-    let whole = explained(score(&used, travel, best));
+    let whole = explained(score(&used, travel, 0.0, best));
     let rival = scored.iter().filter(|s| distance(s.1) > apart).max_by(|a, b| a.0.total_cmp(&b.0));
     if let Some(rival) = rival {
-        let there = climb(&used, travel, rival.1, &[(coarse, 20.0)]);
-        if distance(there) > apart && explained(score(&used, travel, there)) > AS_GOOD * whole {
-            return Err(NotObserved::Ambiguous(distance(there)));
+        let there = climb(&used, travel, 0.0, rival.1, &[(coarse, 20.0)]);
+        if distance(there) > apart && explained(score(&used, travel, 0.0, there)) > AS_GOOD * whole {
+            return Err(or_clock(NotObserved::Ambiguous(distance(there))));
         }
     }
     let passages = passages.iter().filter(|p| **p).count();
-    Ok(Displacement { east_m: best.0, north_m: best.1, cov_m2, n: used.len(), passages })
+    Ok(Displacement { east_m: best.0, north_m: best.1, cov_m2, n: used.len(), passages, lateness })
 }
 
 /// The used moments in interleaved parts: pieces of 20 minutes that hold any, dealt out in turn.
@@ -192,11 +200,11 @@ fn parts<'a>(used: &[Used<'a>]) -> Vec<Vec<Used<'a>>> {
     parts
 }
 
-/// How likely an offset makes the evidence, as a logarithm.
-fn score(used: &[Used<'_>], travel: &Travel<'_>, offset: EastNorth) -> f64 {
+/// How likely an offset makes the evidence of a clock so late, as a logarithm.
+pub(super) fn score(used: &[Used<'_>], travel: &Travel<'_>, late_s: f64, offset: EastNorth) -> f64 {
     used.iter()
         .map(|(t, course, e)| {
-            let g = heard(travel, course, *t, offset).and_then(|place| {
+            let g = heard(travel, course, *t - late_s, offset).and_then(|place| {
                 let x = polar(place).0 / RANGE_STEP_M;
                 let (j, w) = (x as usize, x.fract());
                 Some(f64::from(*e.get(j)?) * (1.0 - w) + f64::from(*e.get(j + 1)?) * w)
@@ -211,6 +219,7 @@ fn score(used: &[Used<'_>], travel: &Travel<'_>, offset: EastNorth) -> f64 {
 fn grid(
     used: &[Used<'_>],
     travel: &Travel<'_>,
+    late_s: f64,
     start: EastNorth,
     reach: f64,
     step: f64,
@@ -220,7 +229,7 @@ fn grid(
         .flat_map(|i| (-n..=n).map(move |j| (i, j)))
         .map(|(i, j)| (start.0 + step * f64::from(i), start.1 + step * f64::from(j)))
         .collect();
-    cells.into_par_iter().map(|c| (score(used, travel, c), c)).collect()
+    cells.into_par_iter().map(|c| (score(used, travel, late_s, c), c)).collect()
 }
 
 fn top(scored: &[(f64, EastNorth)]) -> EastNorth {
@@ -228,8 +237,14 @@ fn top(scored: &[(f64, EastNorth)]) -> EastNorth {
 }
 
 /// The most likely offset on grids (reach and step, m) of falling size about a start.
-fn climb(used: &[Used<'_>], travel: &Travel<'_>, start: EastNorth, grids: &[(f64, f64)]) -> EastNorth {
-    grids.iter().fold(start, |at, &(reach, step)| top(&grid(used, travel, at, reach, step)))
+pub(super) fn climb(
+    used: &[Used<'_>],
+    travel: &Travel<'_>,
+    late_s: f64,
+    start: EastNorth,
+    grids: &[(f64, f64)],
+) -> EastNorth {
+    grids.iter().fold(start, |at, &(reach, step)| top(&grid(used, travel, late_s, at, reach, step)))
 }
 
 #[cfg(test)]
@@ -272,6 +287,27 @@ mod tests {
         );
         assert_eq!(found.passages, 2);
         assert!(found.cov_m2[2].powi(2) <= found.cov_m2[0] * found.cov_m2[1], "{found:?}");
+    }
+
+    #[test]
+    fn vessels_on_several_courses_tell_whose_clock_is_late_and_on_one_they_do_not() {
+        let courses = [passage(8000.0, 6000.0, 0.4), passage(30_000.0, 9000.0, 1.7)];
+        let travel = |r: f64| Some(r / 1500.0);
+        for late_s in [0.0, 60.0, -45.0] {
+            let mut evidence = evidence(&courses, (350.0, -210.0));
+            evidence.iter_mut().for_each(|e| e.t_s += late_s);
+            let found = place(&evidence, &courses, &travel, SEARCH_M).unwrap().lateness.unwrap();
+            assert!(
+                (found.late_s - late_s).abs() < 3.0 * found.sd_s && found.sd_s < 10.0,
+                "{late_s}: {found:?}"
+            );
+            assert_eq!(found.is_wrong(), late_s != 0.0, "{found:?}");
+        }
+        let one = [passage(8000.0, 6000.0, 0.4)];
+        let mut evidence = evidence(&one, (350.0, -210.0));
+        evidence.iter_mut().for_each(|e| e.t_s += 60.0);
+        let found = place(&evidence, &one, &travel, SEARCH_M);
+        assert!(found.is_ok_and(|found| found.lateness.is_none_or(|l| !l.is_wrong() || l.late_s > 40.0)));
     }
 
     #[test]
