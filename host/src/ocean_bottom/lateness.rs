@@ -2,7 +2,7 @@
 //!
 //! Enters: the moments whose ranges tell the place, and that place. Leaves: how late the recording's clock is beside the tracks'. A clock that is late moves
 //! every vessel along its course, which no other place undoes where vessels come on several courses; on one straight course it does, and then
-//! nothing is known of the clock. Each time from [`MOST_S`] early to as much late is tried with the place that fits it best. The deviation is that
+//! nothing is known of the clock. Each time from two minutes early to as much late is tried with the place that fits it best. The deviation is that
 //! of interleaved parts of the evidence, as the place's.
 
 use super::place::{Travel, Used, climb, score};
