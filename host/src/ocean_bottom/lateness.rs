@@ -19,6 +19,8 @@ const MOMENTS: usize = 300;
 const UNKNOWN_S: f64 = 40.0;
 /// Least deviation that is believed: times of tracks are often whole minutes joined straight, s.
 const LEAST_SD_S: f64 = 3.0;
+/// Vessels whose velocities differ by less than this share of them, root mean square, are on one course: another place undoes a clock that is late.
+const ONE_COURSE: f64 = 0.3;
 /// A clock so many deviations off is wrong.
 const WRONG: f64 = 3.0;
 
@@ -55,6 +57,9 @@ pub(super) fn lateness(
     travel: &Travel<'_>,
     at: EastNorth,
 ) -> Option<Lateness> {
+    if on_one_course(used) {
+        return None;
+    }
     let late_s = best(used, travel, at)?;
     let each: Option<Vec<f64>> = parts.iter().map(|part| best(part, travel, at)).collect();
     let each = each?;
@@ -62,6 +67,22 @@ pub(super) fn lateness(
     let mean = each.iter().sum::<f64>() / n;
     let scatter = (each.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
     (scatter < UNKNOWN_S).then(|| Lateness { late_s, sd_s: (scatter / n.sqrt()).hypot(LEAST_SD_S) })
+}
+
+/// Whether all vessels go one way at one speed.
+fn on_one_course(used: &[Used<'_>]) -> bool {
+    let velocity = |(t_s, course, _): &Used<'_>| {
+        let ((x, y), (to_x, to_y)) = (course.at(t_s - STEP_S)?, course.at(t_s + STEP_S)?);
+        Some((to_x - x, to_y - y))
+    };
+    let each: Vec<EastNorth> = used.iter().filter_map(velocity).collect();
+    let n = each.len() as f64;
+    let sum = |of: &dyn Fn(&EastNorth) -> f64| each.iter().map(of).sum::<f64>() / n;
+    let (east, north) = (sum(&|v| v.0), sum(&|v| v.1));
+    let square = sum(&|v| v.0 * v.0 + v.1 * v.1);
+    let varies = square - east * east - north * north;
+    // As well where there are none.
+    !(varies > ONE_COURSE * ONE_COURSE * square)
 }
 
 /// The likeliest time by which the clock is late; `None` where that is at an end of those looked for.
