@@ -205,6 +205,11 @@ pub fn miss(b: &Bearing, (azimuth, elevation): (f64, f64)) -> (f64, f64) {
 /// Bound of [`miss`] that 95 % stay below.
 pub const ELLIPSE: f64 = 5.991;
 
+/// Whether a vessel's azimuth (radians) lies in the 95 % that a bearing states of it.
+pub fn holds_azimuth(b: &Bearing, azimuth: f64) -> bool {
+    wrap_pi(f64::from(b.azimuth) - azimuth).abs() <= 1.96 * f64::from(b.var_azimuth).sqrt()
+}
+
 /// Trials of which so many should hold.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Held {

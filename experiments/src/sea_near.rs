@@ -5,7 +5,7 @@
 
 use super::figure::Bar;
 use super::report::CsvReport;
-use super::sea::{ELLIPSE, Held, RATES, arrival, ferry, miss, play, scenario, side, station};
+use super::sea::{ELLIPSE, Held, RATES, arrival, ferry, holds_azimuth, miss, play, scenario, side, station};
 use super::{Experiment, Options};
 use crate::progress;
 use crate::scenario::Straight;
@@ -15,7 +15,6 @@ use anyhow::Result;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use seabearing_core::angle::wrap_pi;
 use seabearing_core::wire::FaultCode;
 
 /// The experiment.
@@ -67,8 +66,7 @@ fn one(scene: &ArrayScenario) -> Result<Pass> {
         let at = arrival(scene, vessel, t_s)?;
         let (chi2, off) = miss(b, at);
         pass.ellipses.take(chi2 <= ELLIPSE);
-        let azimuth = wrap_pi(f64::from(b.azimuth) - at.0);
-        pass.azimuths.take(azimuth.abs() <= 1.96 * f64::from(b.var_azimuth).sqrt());
+        pass.azimuths.take(holds_azimuth(b, at.0));
         pass.beyond += usize::from(off > FALSE_DEG.to_radians());
         pass.silent |= t_s - last_s > 5.0;
         last_s = t_s;

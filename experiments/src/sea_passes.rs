@@ -6,7 +6,7 @@
 
 use super::figure::Bar;
 use super::report::CsvReport;
-use super::sea::{ELLIPSE, Held, RATES, arrival, ferry, miss, play, scenario, side, station};
+use super::sea::{ELLIPSE, Held, RATES, arrival, ferry, holds_azimuth, miss, play, scenario, side, station};
 use super::{Experiment, Options};
 use crate::progress;
 use crate::scenario::Straight;
@@ -97,8 +97,7 @@ impl Pass {
             }
             let Some(at) = nearest else { continue };
             pass.bearings.take(miss(b, at).0 <= ELLIPSE);
-            let azimuth = wrap_pi(f64::from(b.azimuth) - at.0);
-            pass.azimuths.take(azimuth.abs() <= 1.96 * f64::from(b.var_azimuth).sqrt());
+            pass.azimuths.take(holds_azimuth(b, at.0));
         }
         for t in said.passages() {
             pass.tracks += 1;

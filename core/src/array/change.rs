@@ -23,6 +23,7 @@
 //! heard is not seen here. Cost: about 2000 instructions a segment.
 
 use super::agreement::{DEEPEST, half_apart};
+use super::course::{Course, seconds};
 use super::estimate::{Context, Found};
 use super::jump::{
     EITHER, ELSEWHERE, EXCHANGED, JUMPED, JUMPED_SAMPLES, Jump, LATE, NOTHING, ORDERED, What, difference,
@@ -37,8 +38,6 @@ use crate::math::f32 as m;
 /// Segments kept, and least of them, without the newest, that tell where the next is.
 const KEPT: usize = 8;
 const LEAST_KEPT: usize = 3;
-/// Standard deviation of how fast a vessel turns whose past does not tell it, rad/s: 7 m/s 200 m away.
-const TURNING_RAD_S: f32 = 0.035;
 /// Longest time between two segments of one track, seconds.
 const LONGEST_S: f32 = 2.5;
 /// The same after a jump, of which segments may say nothing.
@@ -46,9 +45,6 @@ const LONGEST_JUMP_S: f32 = 6.0;
 /// Segments that must say the same change, and most that may say another place or none after a jump.
 const SURE: u8 = 3;
 const STRAY: u8 = 2;
-/// Standard deviation of what a course bends by until the newest segment, in units of the square of the angle turned: a vector that turns
-/// evenly leaves a line through its past by a sixth of it, a vessel's bearing at its fastest change by as much again.
-const BEND: f32 = 0.1;
 /// What multipath does to a delay at any time, samples; and where the surface's image is expected, whose fringes pull each hydrophone's
 /// delay by itself, seconds: how much is the vessel's and the array's, at any rate of samples.
 const FLOOR_SAMPLES: f32 = 0.05;
@@ -59,12 +55,6 @@ const HOP: f32 = 0.8;
 /// Share of it that is in the level part of the vector, away from the array, for each unit of the vessel's height: level pairs tell that, and between the two
 /// their delays differ by as much less; of a vessel high above by as much more.
 const AWAY: f32 = 0.4;
-/// Standard deviation of the speed with which a vessel comes nearer or goes away, m/s: with the depth it tells how fast its elevation changes.
-const RISING_M_S: f32 = 5.0;
-/// On a straight course r²φ' stays the same, for the distance r along the surface and the azimuth's rate φ', which so changes by −2φ'·r'/r. Standard deviation
-/// of r', m/s (half of what vessels have: as much, and late channels hide in it), and most of r'/r, 1/s.
-const NEARING_M_S: f32 = 2.5;
-const MOST_NEARING_A_S: f32 = 0.5;
 /// Standard deviation of what multipath does to a delay where the vector's length is looked at, samples, and natural logarithm of the
 /// likelihood ratio that ends a suspicion.
 const STRAIN_SAMPLES: f32 = 0.15;
@@ -95,23 +85,6 @@ pub(super) struct Scatter {
     pub(super) lasting: [f32; 2],
 }
 
-/// A track of vectors: place now, change a second, and factor of one segment's variance.
-#[derive(Clone, Copy, Debug, Default)]
-struct Course {
-    place: [f32; 3],
-    rate: [f32; 3],
-    factor: f32,
-    /// The same of a hop's variance, upwards: now, and for the squared seconds later.
-    up: (f32, f32),
-    /// What its level part bends by in the square of the time, 1/s², and the variance of what that moves it by.
-    bend: [f32; 2],
-    bent: f32,
-    /// How long ago its first segment was, seconds.
-    length_s: f32,
-    /// How far from it the first segment was that jumped.
-    jump: [f32; 3],
-}
-
 /// What the segments before showed. All zeros at the beginning.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Change {
@@ -122,6 +95,8 @@ pub(super) struct Change {
     stated: [Scatter; 2],
     /// Where what was heard before a jump should be, since when.
     course: Course,
+    /// How far from it the first segment was that jumped.
+    jump: [f32; 3],
     since: u64,
     /// What seems to have changed, how many segments say so, and how many did not.
     seems: What,
@@ -139,16 +114,8 @@ impl Change {
             past: [([0.0; 3], 0); KEPT],
             kept: 0,
             stated: [Scatter { noise: [0.0; 2], lasting: [0.0; 2] }; 2],
-            course: Course {
-                place: [0.0; 3],
-                rate: [0.0; 3],
-                factor: 0.0,
-                up: (0.0, 0.0),
-                bend: [0.0; 2],
-                bent: 0.0,
-                length_s: 0.0,
-                jump: [0.0; 3],
-            },
+            course: Course::NONE,
+            jump: [0.0; 3],
             since: 0,
             seems: NOTHING,
             times: 0,
@@ -198,8 +165,13 @@ impl Change {
         if other || self.kept > 0 && lasted > longest {
             (self.kept, self.seems, self.times, self.strays) = (0, NOTHING, 0, 0);
         }
-        let course =
-            if self.seems == NOTHING { self.course(context) } else { Some(self.later(plan, context.index)) };
+        let floor_s = floor_s(plan);
+        let floor = floor_s * length(&duals[0]) / plan.inv_c;
+        let course = if self.seems == NOTHING {
+            self.course(context, floor)
+        } else {
+            Some(self.course.later(seconds(plan, self.since, context.index)))
+        };
         let usual = self.usual();
         // Where a vessel of which little was heard should be is uncertain by how fast it turns: that is as much as a late channel makes of it,
         // but less than most exchanged ones do.
@@ -209,13 +181,10 @@ impl Change {
                 let from = unit(&course.place);
                 let across = wavefront::tangents(&from).0;
                 let [c, s, _] = across;
-                let floor = floor_s(plan);
-                let late = JUMPED_SAMPLES / (plan.rate_hz * floor);
+                let late = JUMPED_SAMPLES / (plan.rate_hz * floor_s);
                 let (least, most) = JUMPED;
                 let jumped = if among_others || few { most } else { (late * late).clamp(least, most) };
-                let floor = floor * length(&duals[0]) / plan.inv_c;
-                let turn =
-                    BEND * wavefront::dot(&course.rate, &course.rate) * course.length_s * course.length_s;
+                let turn = course.turn();
                 let [a, b] = [0, 1].map(|k: usize| {
                     let paths = usual.lasting[k].max(floor * floor);
                     usual.noise[k] * (1.0 + course.factor) + paths + turn * turn + course.bent
@@ -238,7 +207,7 @@ impl Change {
                     variance: [a, away, up],
                     exchanged,
                 };
-                let before = (self.seems != NOTHING).then_some(&course.jump);
+                let before = (self.seems != NOTHING).then_some(&self.jump);
                 match jump.what(before) {
                     (ELSEWHERE, _) if few && before.is_none() => (NOTHING, 0.0),
                     // The pairs' own delays are back by chance, where what would be told of them is not.
@@ -315,8 +284,8 @@ impl Change {
             return;
         }
         if self.seems == NOTHING {
-            (self.course, self.since) = (course.unwrap_or_default(), index);
-            self.course.jump = difference(own, &self.course.place);
+            (self.course, self.since) = (course.unwrap_or(Course::NONE), index);
+            self.jump = difference(own, &self.course.place);
         }
         // Near a vessel, whose image leaves heights uncertain, one change looks like another.
         if what != ELSEWHERE && self.seems != NOTHING && self.seems != ELSEWHERE {
@@ -393,117 +362,13 @@ impl Change {
         }
     }
 
-    /// The course that the segments before the last one tell, at the segment's moment.
+    /// The course that the segments before the last one tell, at the segment's moment, for what paths move a vector by at least.
     #[inline(never)]
-    fn course(&self, context: &Context<'_>) -> Option<Course> {
-        let (plan, index) = (context.plan, context.index);
+    fn course(&self, context: &Context<'_>, floor: f32) -> Option<Course> {
         // The newest may hold a part of a jump.
         let used = self.past.get(usize::from(self.kept > 1)..self.kept)?;
-        let (newest, _) = used.first()?;
-        let n = used.len() as f32;
-        let (mut mean, mut middle) = ([0.0f32; 3], 0.0);
-        for (v, when) in used {
-            middle -= seconds(plan, *when, index) / n;
-            for k in 0..3 {
-                mean[k] += v[k] / n;
-            }
-        }
-        let (mut square, mut slope) = (0.0, [0.0f32; 3]);
-        for (v, when) in used {
-            let t = -seconds(plan, *when, index) - middle;
-            square += t * t;
-            for k in 0..3 {
-                slope[k] += t * v[k];
-            }
-        }
-        // A few segments tell less of its turning than a vessel's usual speed does, and where pairs go from vessel to image and back, less of its rise or fall.
-        let level = square + self.usual().noise[0] / (TURNING_RAD_S * TURNING_RAD_S);
-        let from = unit(newest);
-        let known =
-            hop(context, &from) / (RISING_M_S * from[2] * from[2] / plan.depth_m).max(f32::MIN_POSITIVE);
-        let upright = (square + known * known).max(level);
-        if !(level > 0.0) {
-            return None;
-        }
-        let factor = |square: f32| 1.0 / n + middle * middle / square;
-        let mut course = Course { factor: factor(level), ..Course::default() };
-        for (k, square) in [level, level, upright].into_iter().enumerate() {
-            course.rate[k] = slope[k] / square;
-            course.place[k] = mean[k] - middle * course.rate[k];
-        }
-        course.up = (factor(upright), 1.0 / upright);
-        course.length_s = used.last().map_or(0.0, |(_, when)| seconds(plan, *when, index));
-        self.bend(context, used, middle, square, &mut course);
-        Some(course)
-    }
-
-    /// Bends a course by as much as its segments show beside a line, and a vessel does that comes nearer or goes away.
-    #[inline(never)]
-    fn bend(
-        &self,
-        context: &Context<'_>,
-        used: &[([f32; 3], u64)],
-        middle: f32,
-        square: f32,
-        course: &mut Course,
-    ) {
-        let plan = context.plan;
-        let from = used.first().map_or([0.0; 3], |(newest, _)| unit(newest));
-        let [x, y, up] = from;
-        let level = m::hypot(x, y).max(0.1);
-        let nearing =
-            (NEARING_M_S * up.max(0.0) / (plan.depth_m * level).max(f32::MIN_POSITIVE)).min(MOST_NEARING_A_S);
-        let prior = nearing * m::hypot(course.rate[0], course.rate[1]);
-        // Of the square of the time what no line explains.
-        let (mut cube, mut of) = (0.0, 0.0);
-        for (_, when) in used {
-            let t = -seconds(plan, *when, context.index) - middle;
-            cube += t * t * t;
-            of += 1.0;
-        }
-        let (spread, skew) = (square / of, cube / square.max(f32::MIN_POSITIVE));
-        let beside = |t: f32| t * t - skew * t - spread;
-        let (mut power, mut along) = (0.0, [0.0f32; 2]);
-        for (v, when) in used {
-            let q = beside(-seconds(plan, *when, context.index) - middle);
-            power += q * q;
-            along.iter_mut().zip(v).for_each(|(sum, x)| *sum += q * x);
-        }
-        let duals = duals(plan);
-        let floor = floor_s(plan) * length(&duals[0]) / plan.inv_c;
-        let noise = self.usual().noise[0] + floor * floor;
-        let power = power + noise / (prior * prior).max(f32::MIN_POSITIVE);
-        let now = beside(-middle);
-        course.bend = along.map(|sum| sum / power);
-        course.bent = now * now * noise / power;
-        for ((place, rate), bend) in course.place.iter_mut().zip(&mut course.rate).zip(course.bend) {
-            *place += now * bend;
-            *rate -= (2.0 * middle + skew) * bend;
-        }
-    }
-
-    /// The course from before a jump, at sample `index`.
-    #[inline(never)]
-    fn later(&self, plan: &Plan, index: u64) -> Course {
-        let t = seconds(plan, self.since, index);
-        let mut course = self.course;
-        for (place, rate) in course.place.iter_mut().zip(&course.rate) {
-            *place += t * rate;
-        }
-        for ((place, rate), bend) in course.place.iter_mut().zip(&mut course.rate).zip(course.bend) {
-            *place += t * t * bend;
-            *rate += 2.0 * t * bend;
-        }
-        // The variance of what a line gives grows with the square of the time from its middle.
-        let grown = 1.0 + t / (0.5 * course.length_s).max(0.1);
-        let grown = grown * grown;
-        course.factor *= grown;
-        course.bent *= grown * grown;
-        let (now, rate) = course.up;
-        let sum = m::sqrt(now) + t * m::sqrt(rate);
-        course.up.0 = sum * sum;
-        course.length_s += t;
-        course
+        let hop = hop(context, &unit(&used.first()?.0));
+        Course::of(context.plan, context.index, used, (self.usual().noise[0], floor), hop)
     }
 
     #[inline(never)]
@@ -533,11 +398,6 @@ fn hop(context: &Context<'_>, from: &Direction) -> f32 {
 /// What paths do to a delay at any time, seconds.
 fn floor_s(plan: &Plan) -> f32 {
     if plan.vessel_over_array_depth > 0.0 { FRINGED_S } else { FLOOR_SAMPLES / plan.rate_hz }
-}
-
-#[inline(never)]
-fn seconds(plan: &Plan, from: u64, to: u64) -> f32 {
-    to.saturating_sub(from) as f32 / plan.rate_hz
 }
 
 #[cfg(test)]
