@@ -1,7 +1,8 @@
 //! Orientation and place of an ocean-bottom station from vessels of known track, both unknown at first.
 //!
 //! The station lies 350 m east and 50 m north of its nominal position, its first horizontal points to 77° and is taken to
-//! point to 60°. Vessels pass one after the other, six hours apart; `--runs` is their number.
+//! point to 60°. Vessels pass one after the other, six hours apart; `--runs` is their number. Where there are several they are told once more by a clock that
+//! is a minute late.
 
 use super::figure::Bar;
 use super::obs_world::{print, quiet, station_table};
@@ -18,7 +19,7 @@ use anyhow::{Context, Result};
 /// The experiment.
 pub const ORIENT: Experiment = Experiment {
     name: "obs-orient",
-    about: "orientation and place of an ocean-bottom station from vessels of known track",
+    about: "orientation and place of an ocean-bottom station from vessels of known track, and whether their clock is its own",
     run,
 };
 
