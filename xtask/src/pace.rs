@@ -6,8 +6,9 @@ use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Recordings that both process: an array's passage of 200 s, six hours of an ocean-bottom station.
-const SCENARIOS: [&str; 2] = ["demo", "ocean-bottom"];
+/// Recordings that both process: an array's passage of 200 s; six hours of an ocean-bottom station; a day of it, three
+/// vessels.
+const SCENARIOS: [&str; 3] = ["demo", "ocean-bottom", "ocean-bottom-day"];
 /// Runs of each, taken in turn; the least is compared.
 const RUNS: usize = 3;
 

@@ -15,7 +15,7 @@ pub struct Recording {
 
 /// Simulates `scenarios/NAME.toml` into `target/scenarios/NAME`.
 pub fn simulate(name: &str) -> Result<Recording> {
-    if name == "ocean-bottom" {
+    if name.starts_with("ocean-bottom") {
         trace_table()?;
     }
     record(&root().join(format!("scenarios/{name}.toml")), &root().join("target/scenarios").join(name))

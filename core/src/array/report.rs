@@ -254,9 +254,8 @@ pub(super) fn bearing(
         let aside = ASIDE_OF_TWO_SD * from_middle * (square / (FAR_APART * FAR_APART)).min(1.0);
         first_angle += aside * aside;
     }
-    if plan.vessel_over_array_depth > 0.0 {
-        image_sd = m::hypot(image_sd, m::sqrt(paths * inverse.2));
-    }
+    // Told of a surface or not: what a channel hears of another, or an echo, moves the pairs together as well.
+    image_sd = m::hypot(image_sd, m::sqrt(paths * inverse.2));
     if plan.vessel_over_array_depth > 0.0 && !used.all() {
         // Three hydrophones have no pair to spare: what each hears nearer to the vessel or to the image turns both angles.
         let (i11, i12, i22) = inverse;
