@@ -83,6 +83,7 @@ mod sea_passes;
 mod sea_positions;
 mod sea_sick;
 mod sea_snaps;
+mod sea_three;
 mod sea_transients;
 mod sea_vessels;
 mod sea_weak;
@@ -149,6 +150,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     sea_passes::SURFACE,
     sea_passes::BOTTOM,
     sea_near::EXPERIMENT,
+    sea_three::EXPERIMENT,
     sea_weak::EXPERIMENT,
     sea_sick::EXPERIMENT,
     sea_snaps::EXPERIMENT,

@@ -6,7 +6,7 @@
 use super::agreement::Doubt;
 use super::chain::Scratch;
 use super::echo::Echo;
-use super::estimate::{Context, Found, MOST_UNEVEN, examine, find};
+use super::estimate::{Context, Found, MOST_UNEVEN, examine, find, is_on_its_side};
 use super::followed::{Known, SECOND_APART_CELLS, SECOND_MOVES_RAD, near};
 use super::memory::Memory;
 use super::paths;
@@ -203,7 +203,8 @@ pub(super) fn follow(
     if wavefront::dot(&expected, &first.refined.direction) <= near(plan) {
         refine::remove(plan, context.band, spectra, &first.tau, &scratch.spectrum.measured);
         let again = examine(context, None, &expected, spectra, scratch)
-            .filter(|found| wavefront::dot(&found.refined.direction, &expected) > near(plan));
+            .filter(|found| wavefront::dot(&found.refined.direction, &expected) > near(plan))
+            .filter(|found| is_on_its_side(context, Some(&expected), &found.refined.direction));
         if let Some(found) = again.filter(|found| found.mean > FOLLOWED_LEAST * first.mean) {
             known.take(found.refined.direction, segment);
             if let Some(bearing) = told(context, &found, SECOND, spectra, scratch) {

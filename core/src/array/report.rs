@@ -145,9 +145,13 @@ pub(super) fn bearing(
             told_of = Some(stated);
             let known = variance.pair + rounding * rounding;
             *misfit += (residual / known - *misfit) / AVERAGED;
-            rise = rise.max(SHARED_UNEQUALLY * (*misfit - MEAN_RESIDUAL).max(0.0) * variance.pair);
+            let lasting = SHARED_UNEQUALLY * (*misfit - MEAN_RESIDUAL).max(0.0) * variance.pair;
+            rise = rise.max(lasting);
             let scatter = scatter.filter(|s| s.ratio > 1.0);
             paths = match context.depth {
+                // Under no surface only what lasts, and of another source its scatter tells what it does.
+                None if plan.vessel_over_array_depth <= 0.0 && alone => PATHS * PATHS * lasting,
+                None if plan.vessel_over_array_depth <= 0.0 => 0.0,
                 None => PATHS * PATHS * rise,
                 Some(_) if alone => 0.0,
                 Some(_) => rise,

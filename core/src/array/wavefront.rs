@@ -208,7 +208,8 @@ impl Used {
         let before = before?;
         let from = |d: &Direction| m::acos(dot(before, d).clamp(-1.0, 1.0));
         let apart = APART_RAD + 2.0 * m::sqrt(half);
-        let much = |near: f32, far: f32| far > apart && near < MUCH_NEARER * far;
+        let much =
+            |near: f32, far: f32| far > apart && near < (MUCH_NEARER * far).min(APART_RAD + 2.0 * half);
         let (a, b) = (a.then(|| from(u)), b.then(|| from(&mirrored)));
         let (a, b) = (a.unwrap_or(m::PI), b.unwrap_or(m::PI));
         either(much(a, b), much(b, a))
@@ -218,7 +219,7 @@ impl Used {
 /// A direction whose sine is so far below the horizon is no vessel's, however faint or curved its sound.
 const BELOW: f32 = 0.05;
 /// Where the source was tells a direction from its mirror image where it is nearer to it by this factor, and farther than this from the
-/// image, radians.
+/// image, and as near as this to the direction (what is farther off is another's), radians.
 const MUCH_NEARER: f32 = 0.3;
 const APART_RAD: f32 = 0.1;
 

@@ -295,12 +295,12 @@ impl Rails {
     }
 
     /// Samples of each channel at a rail in the hop that ends, which has so many instants of the recording's own rate; the next begins. A
-    /// channel that hardly leaves its extreme is stuck and not at a rail.
+    /// channel that hardly leaves one extreme is stuck and not at a rail; one that goes from one to the other is.
     pub(super) fn end(&mut self, instants: u32) -> [u32; CHANNELS] {
         self.0.each_mut().map(|[upper, lower]| {
             let span = upper.code.saturating_add(lower.code);
-            let hits = upper.end(instants, span) + lower.end(instants, span);
-            if hits < instants / 2 { hits } else { 0 }
+            let (upper, lower) = (upper.end(instants, span), lower.end(instants, span));
+            if upper.max(lower) < instants / 2 { upper + lower } else { 0 }
         })
     }
 
@@ -431,5 +431,8 @@ pub(super) mod tests {
         assert!(hop(2_000)[0] > 0);
         assert_eq!(hop(100_000)[0], 0);
         assert_eq!(hop(100_000)[0], 0);
+        // Most samples at a rail are no stuck channel.
+        let [most, ..] = hop(600);
+        assert!((HOP / 2..HOP).contains(&(most as usize)), "{most}");
     }
 }

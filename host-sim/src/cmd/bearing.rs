@@ -19,7 +19,7 @@ use std::path::PathBuf;
     solved direction, and continuity with the bearings before; one or two wrong pairs are left out (`dropped`). \
     A hydrophone that is late in all sets is named where their directions tell it, and the errors stated hold what it does. \
     Where most sets contradict the array and nothing tells why, or hardly any is accepted, the accepted ones are marked `suspect`. \
-    A file of which most bearings point below the horizon is refused: signs or pairs are mirrored; single sets that do are not \
+    A file of which more than a quarter of the bearings point below the horizon is refused: signs or pairs are mirrored; single sets that do are not \
     accepted where the station lies 25 m deep or more.")]
 pub struct Args {
     /// Arrival-time differences: t_s,tdoa01_s,...,tdoa23_s.

@@ -51,15 +51,15 @@ fn points_down(s: &DelaySolution) -> bool {
     s.elevation < -BELOW_DEG.to_radians().max(3.0 * s.var_elevation.sqrt())
 }
 
-/// Whether the accepted sets cannot be of vessels, which are above every hydrophone: more than half of them point below the
-/// horizon by more than 5° and three standard deviations.
+/// Whether the accepted sets cannot be of vessels, which are above every hydrophone: more than a quarter of them point below the
+/// horizon by more than 5° and three standard deviations. Of an array heard through a mirror half of a vessel's way round it does.
 ///
 /// # Errors
 /// One line: how many do.
 pub fn check_above(results: &[SetResult]) -> Result<()> {
     let accepted = || results.iter().filter_map(|r| r.solution).filter(|s| s.accepted);
     let (all, wrong) = (accepted().count(), accepted().filter(points_down).count());
-    if 2 * wrong > all {
+    if 4 * wrong > all {
         bail!(
             "{wrong} of {all} bearings point below the horizon, where no vessel is: tdoaIJ is the arrival at J minus that at I; \
              are signs or pairs mirrored, or the hydrophones upside down?"
