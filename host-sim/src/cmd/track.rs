@@ -13,7 +13,7 @@ use seabearing_core::motion::{Medium, Solution};
 use seabearing_locate::motion::change::{Change, Pattern};
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::errors::ErrorModel;
-use seabearing_locate::motion::ml::Config;
+use seabearing_locate::motion::ml::{Config, Sample};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
@@ -261,7 +261,14 @@ pub fn run(args: Args) -> Result<()> {
         );
     }
     let growth = found.growth;
-    if let Some((pattern, change)) = found.change.and_then(|c| c.seen.zip(Some(c))) {
+    if let Some((speed_m_s, sd_m_s)) = contradicted_speed(&assumed, &samples, &found, args.robust) {
+        log::warn!(
+            "{}: the elevations contradict a speed of {} m/s: without it (--speed-sd inf) they tell {speed_m_s:.2} ± {sd_m_s:.2} m/s; \
+             range and speed are those of the speed given, and their standard deviations do not hold",
+            args.bearings.display(),
+            assumed.speed_m_s
+        );
+    } else if let Some((pattern, change)) = found.change.and_then(|c| c.seen.zip(Some(c))) {
         let what = match pattern {
             Pattern::Turn => {
                 format!("the vessel turned, by {:.3}° a second", change.turn_rad_s.0.to_degrees())
@@ -292,6 +299,30 @@ pub fn run(args: Args) -> Result<()> {
         print_for_people(&args, &assumed, &found);
     }
     Ok(())
+}
+
+/// Share of the misfit that is left where the speed is left free, below which it is the speed that the elevations contradict.
+const LEFT_OF_MISFIT: f64 = 0.5;
+/// By how many standard deviations the two speeds differ then, at least.
+const SPEEDS_APART_SD: f64 = 4.0;
+
+/// The speed that the elevations tell (m/s, with its standard deviation) where they contradict the one assumed.
+fn contradicted_speed(
+    assumed: &Config,
+    samples: &[Sample],
+    found: &Found,
+    robust: bool,
+) -> Option<(f64, f64)> {
+    let elevations = samples.iter().any(|s| s.elevation_rad.1.is_finite());
+    if found.growth <= 1.0 || !elevations || !assumed.speed_sd_m_s.is_finite() {
+        return None;
+    }
+    let free = Config { speed_sd_m_s: f64::INFINITY, ..*assumed };
+    let free = batch(&free, samples, robust).ok()?;
+    let (speed_m_s, sd_m_s) = (free.solution.speed_m_s, free.solution.sd_speed_m_s);
+    let explained = free.solution.consistency < LEFT_OF_MISFIT * found.solution.consistency;
+    let apart = (speed_m_s - assumed.speed_m_s).abs();
+    (explained && apart > SPEEDS_APART_SD * sd_m_s.hypot(assumed.speed_sd_m_s)).then_some((speed_m_s, sd_m_s))
 }
 
 /// Share of the errors' variance that lasts.
