@@ -139,6 +139,29 @@ fn of_records_what_lasts_of_the_errors_and_the_height_heard_are_told_from_themse
 }
 
 #[test]
+fn a_speed_that_the_elevations_contradict_is_said_to_be_contradicted() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("records.jsonl");
+    write_records(&file);
+    let said = |options: &[&str]| {
+        let out = seabearing(&[&["track", file.to_str().unwrap(), "--height-m", "160"], options].concat());
+        String::from_utf8_lossy(&out.stderr).into_owned()
+    };
+    for speed in ["4", "10"] {
+        let said = said(&["--speed", speed]);
+        assert!(
+            said.contains(&format!("contradict a speed of {speed} m/s")) && said.contains("± "),
+            "{said}"
+        );
+    }
+    // As told, or not told.
+    for options in [&["--speed", "7"][..], &["--speed", "4", "--speed-sd", "inf"], &[]] {
+        let said = said(options);
+        assert!(!said.contains("contradict a speed"), "{options:?}: {said}");
+    }
+}
+
+#[test]
 fn bad_input_is_one_line_and_good_rows_are_kept() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("b.csv");
