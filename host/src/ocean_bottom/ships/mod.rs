@@ -31,6 +31,9 @@ const LOOSE: (f64, f64) = (0.1, 300.0);
 /// Share of a segment, or of the ship's time, that both have in common at least for the segment to be named with the ship.
 const SHARED: f64 = 0.5;
 
+/// Detected ranges of its own from which on a range is no course's alone.
+const FEW_RANGES: usize = 3;
+
 /// What may be doubted about a ship.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Doubt {
@@ -40,6 +43,8 @@ pub enum Doubt {
     NoRange,
     /// The closest range's standard deviation is more than a tenth of it.
     LooseRange,
+    /// Fewer than three detected ranges are its own: its range is that of a course through minutes none of which tells one by itself.
+    FewRanges,
     /// For more than a quarter of its time another track was within 20° of it, and one direction was heard of the two.
     Beside(u16),
     /// The station doubted its own set-up in that time: what a warning among the records says.
@@ -88,16 +93,21 @@ pub(crate) fn known(
     let one = |(k, passage): (usize, &Passage)| {
         let minutes = (passage.heard_s.1 - passage.heard_s.0) / 60.0;
         let tones = tones::of(&ways, k, lines);
+        let ranges = detected(messages).filter(|r| belongs(r, &ways[k], passage, config.rate_hz)).count();
+        let mut doubts = doubts(&ways, k, messages, config.rate_hz);
+        if passage.last.range_observable && ranges < FEW_RANGES {
+            doubts.push(Doubt::FewRanges);
+        }
         Ship {
             track: passage.last,
             heard_s: passage.heard_s,
             azimuths: passage.own,
             heard_share: (own_minutes[k] as f64 / (minutes.round() + 1.0)).min(1.0),
-            ranges: detected(messages).filter(|r| belongs(r, &ways[k], passage, config.rate_hz)).count(),
+            ranges,
             segments: segments.iter().filter(|s| shares(s, passage, config.rate_hz)).map(|s| s.id).collect(),
             comb: tones::comb(&tones),
             tones,
-            doubts: doubts(&ways, k, messages, config.rate_hz),
+            doubts,
         }
     };
     found.passages.iter().enumerate().map(one).collect()

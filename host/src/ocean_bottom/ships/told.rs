@@ -43,6 +43,7 @@ impl Doubt {
             Self::Running => "not ended".to_owned(),
             Self::NoRange => "no range".to_owned(),
             Self::LooseRange => "loose range".to_owned(),
+            Self::FewRanges => "few ranges".to_owned(),
             Self::Beside(id) => format!("beside track {id}"),
             Self::SetUp => "set-up in doubt".to_owned(),
         }
