@@ -12,9 +12,9 @@ use super::places::Places;
 use super::plan::{BINS, Band, Plan};
 use super::refine;
 use super::report::{self, Others};
-use super::search::SearchWork;
 use super::sick::{self, Sign, Turned};
 use super::spectra::Spectra;
+use super::three;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
 use crate::math::f32 as m;
@@ -432,36 +432,8 @@ fn found(
     let used = context.band.used;
     let start = used.upright(&plan.geometry, &best, plan.elevation, before, half)?;
     let found = examine(context, memory, &start, spectra, scratch)?;
-    (used.all() || is_of_three(context, before, &found, &scratch.search)).then_some(found)
+    (used.all() || three::is_heard(context, before, &found, &scratch.search)).then_some(found)
 }
-
-/// Whether a direction is the one of the two that three hydrophones can mean.
-pub(super) fn is_on_its_side(context: &Context<'_>, before: Option<&Direction>, u: &Direction) -> bool {
-    let (plan, half) = (context.plan, half_apart(context.plan, u));
-    context.band.used.upright(&plan.geometry, u, plan.elevation, before, half) == Some(*u)
-}
-
-/// Whether what three hydrophones found stands on the side of their plane that they can tell, and each of their pairs hears it. Two delays have
-/// always a direction, also where one is a vessel's and the other another's or an image's; then the third pair hears nothing there.
-#[inline(never)]
-fn is_of_three(
-    context: &Context<'_>,
-    before: Option<&Direction>,
-    found: &Found,
-    search: &SearchWork,
-) -> bool {
-    let (plan, used) = (context.plan, context.band.used);
-    let u = &found.refined.direction;
-    if !is_on_its_side(context, before, u) {
-        return false;
-    }
-    let values = || used.of(found.tau.iter().enumerate()).map(|(p, tau)| search.pair_value(plan, p, *tau));
-    let (least, sum) = values().fold((f32::MAX, 0.0), |(least, sum), x| (least.min(x), sum + x));
-    least > EACH_HEARS * sum / used.pairs()
-}
-
-/// Share of the mean of three pairs' correlations in a direction that each of them has at least.
-const EACH_HEARS: f32 = 0.65;
 
 /// Refines from a direction and tests what is there.
 #[inline(never)]

@@ -6,7 +6,7 @@
 use super::agreement::Doubt;
 use super::chain::Scratch;
 use super::echo::Echo;
-use super::estimate::{Context, Found, MOST_UNEVEN, examine, find, is_on_its_side};
+use super::estimate::{Context, Found, MOST_UNEVEN, examine, find};
 use super::followed::{Known, SECOND_APART_CELLS, SECOND_MOVES_RAD, near};
 use super::memory::Memory;
 use super::paths;
@@ -14,6 +14,7 @@ use super::plan::{Band, OCTAVES};
 use super::refine;
 use super::report::{Others, bearing};
 use super::spectra::Spectra;
+use super::three;
 use super::wavefront::{self, Direction};
 use crate::math::f32 as m;
 use crate::wire::{Bearing, Message};
@@ -204,7 +205,7 @@ pub(super) fn follow(
         refine::remove(plan, context.band, spectra, &first.tau, &scratch.spectrum.measured);
         let again = examine(context, None, &expected, spectra, scratch)
             .filter(|found| wavefront::dot(&found.refined.direction, &expected) > near(plan))
-            .filter(|found| is_on_its_side(context, Some(&expected), &found.refined.direction));
+            .filter(|found| three::is_on_its_side(context, Some(&expected), &found.refined.direction));
         if let Some(found) = again.filter(|found| found.mean > FOLLOWED_LEAST * first.mean) {
             known.take(found.refined.direction, segment);
             if let Some(bearing) = told(context, &found, SECOND, spectra, scratch) {
