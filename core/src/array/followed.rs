@@ -7,7 +7,7 @@ use super::beside::Beside;
 use super::estimate::Context;
 use super::jump::unit;
 use super::plan::Plan;
-use super::wavefront::{self, Direction};
+use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::math::f32 as m;
 
 /// A second source nearer than this to the first, in resolution cells, is what is left of the first.
@@ -158,6 +158,16 @@ impl Followed {
             let delays = context.delays(&known.expected(segment), plan.curvature);
             delays.get(pair).is_some_and(|tau| m::abs(tau - delay_s) * plan.rate_hz < samples)
         })
+    }
+
+    /// The pairs' delays, seconds, at which each that is followed is expected.
+    pub(super) fn expected<'a>(
+        &'a self,
+        context: &'a Context<'a>,
+        segment: u32,
+    ) -> impl Iterator<Item = [f32; PAIR_COUNT]> + 'a {
+        let lasting = self.known.iter().filter(|known| known.lasts());
+        lasting.map(move |known| context.delays(&known.expected(segment), context.plan.curvature))
     }
 
     /// What is next: each that is followed, then an octave or, every [`SECOND_EVERY`] segments, a search; sooner where one found is to be

@@ -111,8 +111,7 @@ impl Beyond<'_> {
         let hidden = self.hides(*self.tau.get(p)?);
         let leak = self.excess(p, 0.0)?;
         let (others, segment) = self.others;
-        let another = || others.explain(self.context, segment, (p, 0.0), (APART_SAMPLES, true));
-        if hidden || leak < least || another() {
+        if hidden || leak < least || others.explain(self.context, segment, (p, 0.0), (APART_SAMPLES, true)) {
             return None;
         }
         // What one receives from the other stands with the remaining two at the sender's delays. A second sound from straight
@@ -135,7 +134,27 @@ impl Beyond<'_> {
             }
             (sum > 2.0 * least && mirrored < MIRRORED * both).then_some((to, leak))
         };
-        received(a, b).or_else(|| received(b, a))
+        let leaks = received(a, b).or_else(|| received(b, a));
+        leaks.filter(|(h, leak)| !self.another(p, *h, *leak))
+    }
+
+    /// Whether another known source stands at no delay of pair `p` and is heard by the pairs without hydrophone `h` as well, which hear nothing of what that
+    /// one receives.
+    #[inline(never)]
+    fn another(&self, p: usize, h: usize, leak: f32) -> bool {
+        let (others, segment) = self.others;
+        let rate_hz = self.context.plan.rate_hz;
+        others.expected(self.context, segment).any(|delays| {
+            let heard = |q: usize, (a, b): &(usize, usize)| {
+                let (Some(delay), Some(tau)) = (delays.get(q), self.tau.get(q)) else { return false };
+                *a == h
+                    || *b == h
+                    || m::abs(delay - tau) * rate_hz < APART_SAMPLES
+                    || self.excess(q, *delay).is_some_and(|excess| excess > ALONE * leak)
+            };
+            delays.get(p).is_some_and(|delay| m::abs(*delay) * rate_hz < APART_SAMPLES)
+                && PAIRS.iter().enumerate().all(|(q, pair)| heard(q, pair))
+        })
     }
 
     /// A pair's correlation as far on the other side of the vessel's own delay as `delay` (seconds) is on this. The image in the surface, which pairs

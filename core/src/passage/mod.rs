@@ -245,8 +245,10 @@ impl<const N: usize> Passage<N> {
         let (line, normal) = problem.within_limits(&self.best()?.line)?;
         let known = solution(&line, &normal, &config.free(), &limits, self.seen, problem.measurements())?;
         let mut covariance = known.covariance;
+        let misfit = config.misfit(line.p[4]);
+        covariance.iter_mut().flatten().for_each(|c| *c *= misfit);
         let scale = config.scale_variance(covariance[3][3]);
-        if config.lasting_sd_rad <= 0.0 && scale <= 0.0 {
+        if config.lasting_sd_rad <= 0.0 && scale <= 0.0 && misfit <= 1.0 {
             return Some(known);
         }
         // An error of all azimuths turns the track; one that changes with the azimuth, as positions' do, stretches it as well.

@@ -155,6 +155,14 @@ impl Config {
         (doubted.max(0.5 * white), 2.0 * tails.loss(r) - weight * r * r)
     }
 
+    /// What a solution's variances are multiplied by where all elevations seem to be off by this, radians: more than twice the deviation that is
+    /// assumed of it says that something else is wrong, mostly that the vessel does not hold its speed.
+    pub(super) fn misfit(&self, elevation_bias_rad: f64) -> f64 {
+        let [.., biased] = self.free();
+        let off = if biased { elevation_bias_rad / self.elevation_bias_sd_rad } else { 0.0 };
+        (off * off - 3.0).max(1.0)
+    }
+
     /// Variance of ln speed that an error of the height gives, of the variance that it has: elevations tell the scale of the track in
     /// the proportion in which they add to what is assumed of the speed.
     pub(super) fn scale_variance(&self, known: f64) -> f64 {

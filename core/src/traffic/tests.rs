@@ -4,14 +4,14 @@ use crate::config::Tracking;
 use crate::wire::{Fault, FaultCode};
 use std::vec::Vec;
 
-const RATE_HZ: f64 = 64_000.0;
+pub(super) const RATE_HZ: f64 = 64_000.0;
 
-fn config() -> Config {
+pub(super) fn config() -> Config {
     let tracking = Tracking { speed_m_s: 7.0, speed_sd_m_s: 0.0, ..Tracking::default() };
     Config::with(passage::Config::new(&tracking, 1484.0), RATE_HZ)
 }
 
-fn gaussian(seed: &mut u64) -> f64 {
+pub(super) fn gaussian(seed: &mut u64) -> f64 {
     let draws = (0..12).map(|_| {
         *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (*seed >> 11) as f64 / (1u64 << 53) as f64
@@ -19,7 +19,7 @@ fn gaussian(seed: &mut u64) -> f64 {
     draws.sum::<f64>() - 6.0
 }
 
-fn message(t_s: f64, azimuth: f64, sd: f64, band: u8) -> Bearing {
+pub(super) fn message(t_s: f64, azimuth: f64, sd: f64, band: u8) -> Bearing {
     Bearing {
         index: (t_s * RATE_HZ) as u64,
         azimuth: wrap_tau(azimuth) as f32,
@@ -37,7 +37,13 @@ fn message(t_s: f64, azimuth: f64, sd: f64, band: u8) -> Bearing {
 }
 
 /// Lets time pass: [`advance`] at every 512th sample.
-fn wait(config: &Config, state: &mut State, from_s: f64, to_s: f64, sink: &mut dyn FnMut(Message)) {
+pub(super) fn wait(
+    config: &Config,
+    state: &mut State,
+    from_s: f64,
+    to_s: f64,
+    sink: &mut dyn FnMut(Message),
+) {
     let grid = |t_s: f64| (t_s * RATE_HZ) as u64 / 512;
     for k in grid(from_s) + 1..=grid(to_s) {
         advance(config, state, 512 * k, sink);
@@ -45,7 +51,7 @@ fn wait(config: &Config, state: &mut State, from_s: f64, to_s: f64, sink: &mut d
 }
 
 /// Takes a bearing and lets half a second pass.
-fn hear(config: &Config, state: &mut State, heard: &Bearing, sink: &mut dyn FnMut(Message)) {
+pub(super) fn hear(config: &Config, state: &mut State, heard: &Bearing, sink: &mut dyn FnMut(Message)) {
     bearing(config, state, heard, sink);
     let t_s = heard.index as f64 / RATE_HZ;
     wait(config, state, t_s, t_s + 0.5, sink);
@@ -57,7 +63,7 @@ fn azimuth(t_s: f64, t_c: f64, r_c: f64, a_c: f64) -> f64 {
     a_c + m::atan(7.0 * (emitted(t_s) - t_c) / r_c)
 }
 
-fn tracks(messages: &[Message], stage: u8) -> Vec<crate::wire::Track> {
+pub(super) fn tracks(messages: &[Message], stage: u8) -> Vec<crate::wire::Track> {
     let mut out = Vec::new();
     for message in messages {
         if let Message::Track(t) = message
@@ -266,60 +272,6 @@ fn after_a_restart_of_the_index_open_passages_are_sent_and_new_ones_are_found() 
         assert_eq!(state.vessels(), 1);
         let running = tracks(&out, 0);
         assert!(running.len() > 2 && running.iter().all(|t| t.id == 9), "{running:?}");
-    }
-}
-
-/// A vessel that turns by 60° at `turn_s`, 500 m aside; bearings every `step_s`. All records.
-fn turning(config: &Config, turn_s: f64, step_s: f64, end_s: f64) -> Vec<Message> {
-    let (mut state, mut out, mut seed) = (State::new(), Vec::new(), 3);
-    let position = |t: f64| {
-        let along = |t: f64| 7.0 * (t - 60.0);
-        if t < turn_s {
-            return (along(t), 500.0);
-        }
-        let d = 7.0 * (t - turn_s);
-        (along(turn_s) + 0.5 * d, 500.0 + 0.866 * d)
-    };
-    let mut t = 0.0;
-    while t < end_s {
-        let (x, y) = position(t);
-        let a = m::atan2(x, y) + 0.003 * gaussian(&mut seed);
-        bearing(config, &mut state, &message(t, a, 0.003, 0), &mut |m| out.push(m));
-        wait(config, &mut state, t, t + step_s, &mut |m| out.push(m));
-        t += step_s;
-    }
-    finish(config, &mut state, &mut |m| out.push(m));
-    out
-}
-
-#[test]
-fn the_last_record_before_a_manoeuvre_is_of_the_time_it_states() {
-    let mut still = config();
-    still.motion.medium.slowness_s_m = 0.0;
-    let out = turning(&still, 90.0, 0.5, 200.0);
-    let ends = tracks(&out, 1);
-    assert_eq!(ends.len(), 2, "{ends:?}");
-    let (at_s, first) = (ends[0].index as f64 / RATE_HZ, ends[0]);
-    // The position is that of the index: on the first leg, not where the vessel was when the turn was proved.
-    assert!((75.0..100.0).contains(&at_s), "{first:?}");
-    let x = 7.0 * (at_s - 60.0);
-    let sd = m::hypot(f64::from(first.var_x_m2.sqrt()), 10.0);
-    assert!((f64::from(first.x_m) - x).abs() < 3.0 * sd, "{first:?} {x}");
-    let next = tracks(&out, 0).iter().find(|t| t.id == ends[1].id).map(|t| t.index).unwrap();
-    assert!(next > first.index);
-}
-
-#[test]
-fn every_track_that_was_reported_ends_with_a_last_record() {
-    // Bearings so rare that fewer than a report takes are left before the turn.
-    for (turn_s, step_s) in [(60.0, 4.0), (70.0, 5.0), (50.0, 3.0), (90.0, 6.0)] {
-        let out = turning(&config(), turn_s, step_s, 400.0);
-        let mut ids: Vec<u16> = tracks(&out, 0).iter().map(|t| t.id).collect();
-        ids.dedup();
-        let ended: Vec<u16> = tracks(&out, 1).iter().map(|t| t.id).collect();
-        for id in ids {
-            assert_eq!(ended.iter().filter(|e| **e == id).count(), 1, "{turn_s} {step_s} {id} {ended:?}");
-        }
     }
 }
 
