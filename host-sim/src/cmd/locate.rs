@@ -323,15 +323,20 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
 
 /// Says what of the stations lasts that should not, and that the bearings scatter more than claimed.
 fn warn_of_lasting(network: &Network, found: &Positions) {
-    const END: &str = "more than the network file allows: it is taken out of the positions, and the stated errors have grown";
-    for (station, of) in network.stations.iter().zip(found.contradicted.iter().flatten()) {
+    const BEYOND: &str = "more than the network file allows: it is taken out of the positions, and the stated errors have grown";
+    const USUAL: &str = "of which the network file says nothing: it is taken out of the positions, and what it leaves unknown is in their errors";
+    let (lasting, end) = match &found.contradicted {
+        Some(contradicted) => (contradicted, BEYOND),
+        None => (&found.taken_out, USUAL),
+    };
+    for (station, of) in network.stations.iter().zip(lasting) {
         let (name, (turned, late_s)) = (&station.name, (of.azimuth, of.clock_s));
         if of.beyond.0 {
             let [off, sd] = [turned.0, turned.1].map(|x| x / RAD_PER_DEG);
-            log::warn!("the azimuths of `{name}` are {off:.2}° ± {sd:.2}° too large, {END}");
+            log::warn!("the azimuths of `{name}` are {off:.2}° ± {sd:.2}° too large, {end}");
         }
         if of.beyond.1 {
-            log::warn!("the clock of `{name}` is {:.2} s ± {:.2} s late, {END}", late_s.0, late_s.1);
+            log::warn!("the clock of `{name}` is {:.2} s ± {:.2} s late, {end}", late_s.0, late_s.1);
         }
     }
     if let Some(contradicted) = &found.contradicted

@@ -7,6 +7,8 @@
 //! the network file says of orientation and clock, and is the solution of `(A/κ + P⁻¹) u = h/κ`. `κ` is the variance that the
 //! residuals show over the one claimed, with what successive ones have in common.
 //!
+//! What nobody told a prior of is looked for with a usual one, and in the positions only where it shows: by two of its own deviations.
+//!
 //! Errors that are larger than their priors allow are a contradiction: it is said, and the priors grow until they allow them.
 //! Clocks are told against that of the first station, or of the next where that takes less of all others. A station that contradicts the
 //! others in most of the positions is left out of all of them: instant by instant it would now and then take another with it.
@@ -45,6 +47,10 @@ const EXPLAINED: f64 = 1.5;
 const LEAST_NOISE: f64 = 1e-3;
 /// Share of the positions of three or more stations in which one is set aside, beyond which it is left out of all.
 const MOSTLY: f64 = 0.5;
+/// Own deviations from which on an error shows that nobody told of: it is taken out, and what is unknown of it is in the positions.
+const SHOWN: f64 = 2.0;
+/// Own deviations from which on that is worth a line.
+const SURE: f64 = 3.3;
 /// Deviations of its prior beyond which an error is named where there is a contradiction.
 const NAMED: f64 = 2.0;
 
@@ -69,6 +75,9 @@ pub struct Positions {
     pub checked: bool,
     /// Of each station, where the stations contradict each other.
     pub contradicted: Option<[Lasting; MAX_ARRAYS]>,
+    /// Errors that nobody told of, within what is usual, that are sure to be there and are taken out (the others are not `beyond`): no
+    /// position agrees with the arrays as they were told.
+    pub taken_out: [Lasting; MAX_ARRAYS],
     /// Variance of the residuals over the claimed one, where that is more than chance.
     pub scatter: Option<f64>,
     /// The station that is left out.
@@ -78,7 +87,7 @@ pub struct Positions {
 }
 
 /// Positions of all sets. `shared`: deviations of what the bearings of each station share, `said`: those among them that
-/// somebody told, 0 where nobody did. What is not told is looked for, and is in no position unless it is found. A position is
+/// somebody told, 0 where nobody did. What is not told is looked for, and is in no position unless it shows. A position is
 /// where the vessel was one mean way of the sound before the set's time ([`Way::mean_s`]). Where nothing checks them
 /// ([`Positions::checked`]) all of `shared` is in every position.
 pub fn positions(
@@ -107,25 +116,23 @@ pub fn positions(
         let growth = (excess / told).sqrt();
         let grown = shared.map(|s| SharedError { azimuth: growth * s.azimuth, clock_s: growth * s.clock_s });
         best = Fitted::simplest(&heard, settings, &grown, None);
-        // All others late alike: it is the clock they are told against.
-        if let Some(next) = best.next_clock(shared) {
-            let other = Fitted::simplest(&heard, settings, &grown, Some(next));
-            if other.excess() < best.excess() {
-                best = other;
-            }
-        }
+        best = best.against_the_right_clock(&heard, &grown, |found, k| found.told(shared)[k].beyond.1).0;
     } else if checked && said != shared {
-        best = Fitted::of(&heard, &best.settings, said, None);
+        let shows = |found: &Fitted, k: usize| found.stands_out(MAX_ARRAYS + k) > SHOWN;
+        let (found, clock_of) = best.against_the_right_clock(&heard, shared, shows);
+        best = Fitted::of(&heard, &found.settings, &found.shown(shared, said), clock_of);
     }
+    let taken_out = best.taken_out(said);
     heard.bar.finish_and_clear();
     let contradicted = contradict.then(|| best.told(shared));
     let others = best.aside();
     let aside = core::array::from_fn(|k| if left_out == Some(k) { at_first[k] } else { others[k] });
     let scatter = best.scatter();
-    let agree = contradicted.is_none() && scatter.is_none();
+    let as_told = taken_out.iter().all(|of| of.beyond == (false, false));
+    let agree = contradicted.is_none() && scatter.is_none() && as_told;
     let fixes = best.stated(scatter.unwrap_or(1.0), agree);
     let sets = heard.sets.to_vec();
-    Positions { sets, fixes, checked, contradicted, scatter, left_out, aside }
+    Positions { sets, fixes, checked, contradicted, taken_out, scatter, left_out, aside }
 }
 
 /// What was heard, and how far it is.
@@ -314,13 +321,20 @@ impl Fitted {
         self.state.iter().map(|w| w * w).sum()
     }
 
-    /// The second of three or more stations, where the clocks of all but the first are off by more than allowed.
-    fn next_clock(&self, shared: &[SharedError; MAX_ARRAYS]) -> Option<usize> {
-        let heard = |k: &usize| self.sets.iter().any(|set| set.stations.contains(k));
-        let told = self.told(shared);
-        let mut others = (0..MAX_ARRAYS).filter(heard).skip(1);
-        let all = others.clone().count() >= 2 && others.clone().all(|k| told[k].beyond.1);
-        others.next().filter(|_| all)
+    /// Where the clocks of all but the first of three or more stations are `off`, it is mostly the clock they are told against: the fit with
+    /// the second's in its place, and that station, if less is then off.
+    fn against_the_right_clock(
+        self,
+        heard: &Heard<'_>,
+        shared: &[SharedError; MAX_ARRAYS],
+        off: impl Fn(&Self, usize) -> bool,
+    ) -> (Self, Option<usize>) {
+        let is_heard = |k: &usize| self.sets.iter().any(|set| set.stations.contains(k));
+        let others: Vec<usize> = (0..MAX_ARRAYS).filter(is_heard).skip(1).collect();
+        let next = others.first().filter(|_| others.len() >= 2 && others.iter().all(|k| off(&self, *k)));
+        let Some(next) = next.copied() else { return (self, None) };
+        let other = Self::simplest(heard, &self.settings, shared, Some(next));
+        if other.excess() < self.excess() { (other, Some(next)) } else { (self, None) }
     }
 
     /// Whether the residuals are about as large as claimed.
@@ -339,6 +353,34 @@ impl Fitted {
     /// How many unknowns the bearings tell, each as a share of what the prior left: `tr A (A + 1)⁻¹`.
     fn unknowns(&self) -> f64 {
         (0..N).map(|k| (1.0 - self.covariance[k][k]).max(0.0)).sum()
+    }
+
+    /// Of what was looked for that which somebody told of, and which shows.
+    fn shown(
+        &self,
+        shared: &[SharedError; MAX_ARRAYS],
+        said: &[SharedError; MAX_ARRAYS],
+    ) -> [SharedError; MAX_ARRAYS] {
+        let kept = |k: usize, shared: f64, said: f64| if self.stands_out(k) > SHOWN { shared } else { said };
+        core::array::from_fn(|k| SharedError {
+            azimuth: kept(k, shared[k].azimuth, said[k].azimuth),
+            clock_s: kept(MAX_ARRAYS + k, shared[k].clock_s, said[k].clock_s),
+        })
+    }
+
+    /// What was found of one error in its own deviations.
+    fn stands_out(&self, k: usize) -> f64 {
+        self.state[k].abs() / self.covariance[k][k].sqrt().max(f64::MIN_POSITIVE)
+    }
+
+    /// What was found of each station; `beyond` where nobody told of it and it is sure to be there.
+    fn taken_out(&self, said: &[SharedError; MAX_ARRAYS]) -> [Lasting; MAX_ARRAYS] {
+        let mut all = self.told(said);
+        for (k, (of, said)) in all.iter_mut().zip(said).enumerate() {
+            let sure = |k: usize, said: f64| said <= 0.0 && self.stands_out(k) > SURE;
+            of.beyond = (sure(k, said.azimuth), sure(MAX_ARRAYS + k, said.clock_s));
+        }
+        all
     }
 
     fn told(&self, shared: &[SharedError; MAX_ARRAYS]) -> [Lasting; MAX_ARRAYS] {
