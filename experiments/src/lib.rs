@@ -46,6 +46,7 @@ mod obs_appendix_b;
 mod obs_bad_samples;
 mod obs_checks;
 mod obs_core_clutter;
+mod obs_crowd;
 mod obs_doubts;
 mod obs_far;
 mod obs_four_ships;
@@ -212,6 +213,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_one_ship::ONE_SHIP,
     obs_two_ships::TWO_SHIPS,
     obs_four_ships::FOUR_SHIPS,
+    obs_crowd::CROWD,
     obs_core_clutter::CLUTTER,
     obs_year::EXPERIMENT,
     obs_appendix_b::APPENDIX_B,

@@ -26,7 +26,7 @@ const SUSPECT_SD: f64 = 3.5;
 pub(super) const LEAST_GAIN: f64 = 30.0;
 /// The same where nothing but the two lines speaks for it. Elevations that lie off by something else as the vessel passes (a wrong place of the
 /// array, an echo) gain up to 40.
-pub(super) const SLOW_GAIN: f64 = 60.0;
+pub(super) const SLOW_GAIN: f64 = 45.0;
 /// Time from one trial of two lines to the next, seconds.
 const PARTED_S: f64 = 30.0;
 /// Time until a refuted suspicion may be raised again, seconds.

@@ -77,7 +77,7 @@ const OTHERWISE: [(&str, Otherwise, &str); 15] = [
     (
         "seabearing orient --geometry --station array.toml --track ship.csv --write mended.toml pass.wav",
         Lacks("array.toml"),
-        "needs a pass past an array: `network_cli` has one",
+        "needs a pass past an array: `orient_compact` has one",
     ),
     (
         "seabearing process --station rr03.toml seedlink://server.example:18000/YV_RR03",
