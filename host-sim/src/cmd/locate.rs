@@ -324,10 +324,11 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
 /// Says what of the stations lasts that should not, and that the bearings scatter more than claimed.
 fn warn_of_lasting(network: &Network, found: &Positions) {
     const BEYOND: &str = "more than the network file allows: it is taken out of the positions, and the stated errors have grown";
-    const USUAL: &str = "of which the network file says nothing: it is taken out of the positions, and what it leaves unknown is in their errors";
+    const USUAL: &str = "of which the network file says nothing, or elevations or the depth are off, which looks the same: the stated errors \
+         hold it (`orientation_sd_deg` and `clock_sd_s` in the network file, or --motion, take it out)";
     let (lasting, end) = match &found.contradicted {
         Some(contradicted) => (contradicted, BEYOND),
-        None => (&found.taken_out, USUAL),
+        None => (&found.untold, USUAL),
     };
     for (station, of) in network.stations.iter().zip(lasting) {
         let (name, (turned, late_s)) = (&station.name, (of.azimuth, of.clock_s));

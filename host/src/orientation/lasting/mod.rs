@@ -7,7 +7,8 @@
 //! the network file says of orientation and clock, and is the solution of `(A/κ + P⁻¹) u = h/κ`. `κ` is the variance that the
 //! residuals show over the one claimed, with what successive ones have in common.
 //!
-//! What nobody told a prior of is looked for with a usual one, and in the positions only where it shows: by two of its own deviations.
+//! What nobody told a prior of is looked for with a usual one. Where any of it shows, by two of its own deviations, it is in the positions' errors as it
+//! was found; it is not taken out of them, for elevations or a depth that are off look like it.
 //!
 //! Errors that are larger than their priors allow are a contradiction: it is said, and the priors grow until they allow them.
 //! Clocks are told against that of the first station, or of the next where that takes less of all others. A station that contradicts the
@@ -47,7 +48,7 @@ const EXPLAINED: f64 = 1.5;
 const LEAST_NOISE: f64 = 1e-3;
 /// Share of the positions of three or more stations in which one is set aside, beyond which it is left out of all.
 const MOSTLY: f64 = 0.5;
-/// Own deviations from which on an error shows that nobody told of: it is taken out, and what is unknown of it is in the positions.
+/// Own deviations from which on an error shows that nobody told of.
 const SHOWN: f64 = 2.0;
 /// Own deviations from which on that is worth a line.
 const SURE: f64 = 3.3;
@@ -65,6 +66,10 @@ pub struct Lasting {
     pub beyond: (bool, bool),
 }
 
+impl Lasting {
+    const NONE: Self = Self { azimuth: (0.0, 0.0), clock_s: (0.0, 0.0), beyond: (false, false) };
+}
+
 /// Positions, and what they tell of the arrays.
 pub struct Positions {
     /// What they rest on: the bearings without those of a station that is left out.
@@ -75,9 +80,9 @@ pub struct Positions {
     pub checked: bool,
     /// Of each station, where the stations contradict each other.
     pub contradicted: Option<[Lasting; MAX_ARRAYS]>,
-    /// Errors that nobody told of, within what is usual, that are sure to be there and are taken out (the others are not `beyond`): no
-    /// position agrees with the arrays as they were told.
-    pub taken_out: [Lasting; MAX_ARRAYS],
+    /// Errors that nobody told of, within what is usual, that are sure to be there (the others are not `beyond`): no position agrees with the
+    /// arrays as they were told. They are in the positions' errors.
+    pub untold: [Lasting; MAX_ARRAYS],
     /// Variance of the residuals over the claimed one, where that is more than chance.
     pub scatter: Option<f64>,
     /// The station that is left out.
@@ -116,23 +121,44 @@ pub fn positions(
         let growth = (excess / told).sqrt();
         let grown = shared.map(|s| SharedError { azimuth: growth * s.azimuth, clock_s: growth * s.clock_s });
         best = Fitted::simplest(&heard, settings, &grown, None);
-        best = best.against_the_right_clock(&heard, &grown, |found, k| found.told(shared)[k].beyond.1).0;
-    } else if checked && said != shared {
-        let shows = |found: &Fitted, k: usize| found.stands_out(MAX_ARRAYS + k) > SHOWN;
-        let (found, clock_of) = best.against_the_right_clock(&heard, shared, shows);
-        best = Fitted::of(&heard, &found.settings, &found.shown(shared, said), clock_of);
+        best = best.against_the_right_clock(&heard, &grown, |found, k| found.told(shared)[k].beyond.1);
     }
-    let taken_out = best.taken_out(said);
+    let mut untold = [Lasting::NONE; MAX_ARRAYS];
+    if !contradict && checked && said != shared {
+        let wide = wider(shared, said, (excess / told).sqrt().max(1.0));
+        let shows = |found: &Fitted, k: usize| found.stands_out(MAX_ARRAYS + k) > SHOWN;
+        let found = Fitted::of(&heard, &best.settings, &wide, None);
+        let found = found.against_the_right_clock(&heard, &wide, shows);
+        best = Fitted::of(&heard, &best.settings, said, None);
+        // One station's orientation and another's clock stand for each other: of all that nobody told of what was found counts, or of none.
+        if found.shows_untold(said) {
+            untold = found.untold(said);
+            best.count(&found, said);
+        }
+    }
     heard.bar.finish_and_clear();
     let contradicted = contradict.then(|| best.told(shared));
     let others = best.aside();
     let aside = core::array::from_fn(|k| if left_out == Some(k) { at_first[k] } else { others[k] });
     let scatter = best.scatter();
-    let as_told = taken_out.iter().all(|of| of.beyond == (false, false));
+    let as_told = untold.iter().all(|of| of.beyond == (false, false));
     let agree = contradicted.is_none() && scatter.is_none() && as_told;
     let fixes = best.stated(scatter.unwrap_or(1.0), agree);
     let sets = heard.sets.to_vec();
-    Positions { sets, fixes, checked, contradicted, taken_out, scatter, left_out, aside }
+    Positions { sets, fixes, checked, contradicted, untold, scatter, left_out, aside }
+}
+
+/// The same deviations, those that nobody told of as many times as wide.
+fn wider(
+    shared: &[SharedError; MAX_ARRAYS],
+    said: &[SharedError; MAX_ARRAYS],
+    times: f64,
+) -> [SharedError; MAX_ARRAYS] {
+    let one = |shared: f64, said: f64| if said > 0.0 { shared } else { times * shared };
+    core::array::from_fn(|k| SharedError {
+        azimuth: one(shared[k].azimuth, said[k].azimuth),
+        clock_s: one(shared[k].clock_s, said[k].clock_s),
+    })
 }
 
 /// What was heard, and how far it is.
@@ -322,19 +348,19 @@ impl Fitted {
     }
 
     /// Where the clocks of all but the first of three or more stations are `off`, it is mostly the clock they are told against: the fit with
-    /// the second's in its place, and that station, if less is then off.
+    /// the second's in its place, if less is then off.
     fn against_the_right_clock(
         self,
         heard: &Heard<'_>,
         shared: &[SharedError; MAX_ARRAYS],
         off: impl Fn(&Self, usize) -> bool,
-    ) -> (Self, Option<usize>) {
+    ) -> Self {
         let is_heard = |k: &usize| self.sets.iter().any(|set| set.stations.contains(k));
         let others: Vec<usize> = (0..MAX_ARRAYS).filter(is_heard).skip(1).collect();
         let next = others.first().filter(|_| others.len() >= 2 && others.iter().all(|k| off(&self, *k)));
-        let Some(next) = next.copied() else { return (self, None) };
+        let Some(next) = next.copied() else { return self };
         let other = Self::simplest(heard, &self.settings, shared, Some(next));
-        if other.excess() < self.excess() { (other, Some(next)) } else { (self, None) }
+        if other.excess() < self.excess() { other } else { self }
     }
 
     /// Whether the residuals are about as large as claimed.
@@ -355,16 +381,11 @@ impl Fitted {
         (0..N).map(|k| (1.0 - self.covariance[k][k]).max(0.0)).sum()
     }
 
-    /// Of what was looked for that which somebody told of, and which shows.
-    fn shown(
-        &self,
-        shared: &[SharedError; MAX_ARRAYS],
-        said: &[SharedError; MAX_ARRAYS],
-    ) -> [SharedError; MAX_ARRAYS] {
-        let kept = |k: usize, shared: f64, said: f64| if self.stands_out(k) > SHOWN { shared } else { said };
-        core::array::from_fn(|k| SharedError {
-            azimuth: kept(k, shared[k].azimuth, said[k].azimuth),
-            clock_s: kept(MAX_ARRAYS + k, shared[k].clock_s, said[k].clock_s),
+    /// Whether any error shows of those that nobody told of.
+    fn shows_untold(&self, said: &[SharedError; MAX_ARRAYS]) -> bool {
+        said.iter().enumerate().any(|(k, said)| {
+            said.azimuth <= 0.0 && self.stands_out(k) > SHOWN
+                || said.clock_s <= 0.0 && self.stands_out(MAX_ARRAYS + k) > SHOWN
         })
     }
 
@@ -374,13 +395,29 @@ impl Fitted {
     }
 
     /// What was found of each station; `beyond` where nobody told of it and it is sure to be there.
-    fn taken_out(&self, said: &[SharedError; MAX_ARRAYS]) -> [Lasting; MAX_ARRAYS] {
+    fn untold(&self, said: &[SharedError; MAX_ARRAYS]) -> [Lasting; MAX_ARRAYS] {
         let mut all = self.told(said);
         for (k, (of, said)) in all.iter_mut().zip(said).enumerate() {
             let sure = |k: usize, said: f64| said <= 0.0 && self.stands_out(k) > SURE;
             of.beyond = (sure(k, said.azimuth), sure(MAX_ARRAYS + k, said.clock_s));
         }
         all
+    }
+
+    /// Counts what another fit found of errors that nobody told of, and what it leaves unknown of all, in the positions' errors.
+    fn count(&mut self, found: &Self, said: &[SharedError; MAX_ARRAYS]) {
+        let untold: [f64; N] = core::array::from_fn(|k| {
+            let said = &said[k % MAX_ARRAYS];
+            let told = if k < MAX_ARRAYS { said.azimuth } else { said.clock_s };
+            if told > 0.0 { 0.0 } else { found.state[k] }
+        });
+        self.prior = found.prior;
+        self.covariance = found.covariance;
+        for (row, a) in self.covariance.iter_mut().zip(untold) {
+            for (x, b) in row.iter_mut().zip(untold) {
+                *x += a * b;
+            }
+        }
     }
 
     fn told(&self, shared: &[SharedError; MAX_ARRAYS]) -> [Lasting; MAX_ARRAYS] {

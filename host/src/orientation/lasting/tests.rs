@@ -111,17 +111,17 @@ fn a_late_clock_is_found_or_said() {
 }
 
 #[test]
-fn an_error_within_what_is_usual_that_nobody_told_of_is_taken_out_and_said() {
+fn an_error_within_what_is_usual_that_nobody_told_of_is_in_the_errors_and_said() {
     let (mut held_of_all, mut said) = (0.0, 0);
     for seed in 0..8 {
         for (turned, late_s) in [(0.0, 2.0), (0.8, 0.0)] {
             let (found, held, _) = judged(&heard(3, turned * RAD_PER_DEG, late_s, seed), &NONE);
             assert_eq!(found.contradicted, None, "{turned} {late_s} {seed}");
             held_of_all += held / 16.0;
-            said += usize::from(found.taken_out.iter().any(|of| of.beyond != (false, false)));
+            said += usize::from(found.untold.iter().any(|of| of.beyond != (false, false)));
         }
         let (found, ..) = judged(&heard(3, 0.0, 0.0, seed), &NONE);
-        assert!(found.taken_out.iter().all(|of| of.beyond == (false, false)), "{seed}");
+        assert!(found.untold.iter().all(|of| of.beyond == (false, false)), "{seed}");
     }
     assert!(held_of_all > 0.9 && said >= 14, "{held_of_all} {said}");
 }
