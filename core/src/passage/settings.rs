@@ -219,4 +219,17 @@ mod tests {
             assert_eq!(MeasuredSpeed::new(mean, sd), None);
         }
     }
+
+    #[test]
+    fn elevations_off_by_more_than_is_assumed_widen_a_solution_by_as_much() {
+        let config = Config {
+            medium: Medium { height_m: 100.0, ..Config::default().medium },
+            elevation_bias_sd_rad: 0.02,
+            ..Config::default()
+        };
+        for (off_rad, times) in [(0.0, 1.0), (0.04, 1.0), (-0.05, 3.25), (0.14, 46.0)] {
+            assert!((config.misfit(off_rad) - times).abs() < 1e-9, "{off_rad}");
+        }
+        assert_eq!(Config { elevation_bias_sd_rad: 0.0, ..config }.misfit(0.14), 1.0);
+    }
 }

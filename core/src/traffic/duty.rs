@@ -4,7 +4,7 @@
 //! step of a track's lines, a search for fresh ones, or their polish; the end of a passage takes a search and a polish, the
 //! proof of a manoeuvre a search, a polish and the fit of both parts.
 
-use super::manoeuvre::{LEAST_GAIN, Manoeuvre, SLOW_GAIN};
+use super::manoeuvre::{LEAST_GAIN, Manoeuvre};
 use super::{Config, State, Track, VESSELS};
 use crate::motion::Solution;
 use crate::passage::report;
@@ -23,8 +23,6 @@ pub(super) enum Duty {
         onset_s: f64,
         /// 0 to 2.
         done: u8,
-        /// Nothing but two lines that explain its bearings better speaks for it.
-        slow: bool,
     },
     /// Its passage is over; pieces of the last solution done so far.
     Over {
@@ -41,12 +39,7 @@ impl Duty {
 
     /// A manoeuvre not yet proved.
     pub(super) const fn suspected(onset_s: f64) -> Self {
-        Self::Suspected { onset_s, done: 0, slow: false }
-    }
-
-    /// A passage on whose bearings before and after `onset_s` two lines are tried; those there are need no search.
-    pub(super) const fn parted(onset_s: f64) -> Self {
-        Self::Suspected { onset_s, done: 1, slow: true }
+        Self::Suspected { onset_s, done: 0 }
     }
 }
 
@@ -59,8 +52,9 @@ pub(super) fn one_piece(config: &Config, state: &mut State, sink: &mut dyn FnMut
         let worked = match track.duty {
             Duty::Free => false,
             Duty::Live => track.passage.work(&track.motion(config)),
-            Duty::Suspected { onset_s, done, slow } => {
-                state.issued = prove(config, track, (onset_s, done, slow), state.issued, sink);
+            Duty::Suspected { onset_s, done } => {
+                let issued = prove(config, track, onset_s, done, state.issued, sink);
+                state.issued = issued;
                 true
             }
             Duty::Over { done } => conclude(config, track, done, sink),
@@ -107,7 +101,8 @@ fn tell(config: &Config, track: &mut Track, solution: Option<Solution>, sink: &m
 fn prove(
     config: &Config,
     track: &mut Track,
-    (onset_s, done, slow): (f64, u8, bool),
+    onset_s: f64,
+    done: u8,
     issued: u16,
     sink: &mut dyn FnMut(Message),
 ) -> u16 {
@@ -117,8 +112,7 @@ fn prove(
         1 => track.passage.polish(&motion),
         _ => {
             track.duty = Duty::Live;
-            let gain = if slow { SLOW_GAIN } else { LEAST_GAIN };
-            let Some(newer) = track.passage.split(&motion, onset_s, gain) else { return issued };
+            let Some(newer) = track.passage.split(&motion, onset_s, LEAST_GAIN) else { return issued };
             let enough = track.is_telling(config);
             if enough || track.reported {
                 let solution = track.passage.solution(&motion).filter(|_| enough);
@@ -132,6 +126,6 @@ fn prove(
             return track.id;
         }
     };
-    track.duty = Duty::Suspected { onset_s, done: done + 1, slow };
+    track.duty = Duty::Suspected { onset_s, done: done + 1 };
     issued
 }

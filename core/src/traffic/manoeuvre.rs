@@ -5,10 +5,8 @@
 //! averaged exponentially over [`MEMORY_S`]; the average's standard deviation follows from the bearings' white and
 //! coloured errors and the reference's own uncertainty. More than [`SUSPECT_SD`] of them for [`SUSTAINED_S`] is a
 //! suspicion. It is a manoeuvre only if two lines, before and after, explain all bearings better than any single line by
-//! [`LEAST_GAIN`]: the reference may have been the wrong one of two arcs. A change of speed that takes longer bends the reference
-//! with it and never stands out of the bearings' mean: every [`PARTED_S`] two lines are tried before and after the middle of the passage, and
-//! the next time its last quarter, and have to gain [`SLOW_GAIN`]. Assumes the bearings' errors are as large as reported; a track shorter than
-//! [`LEAST_S`] is not tested.
+//! [`LEAST_GAIN`]: the reference may have been the wrong one of two arcs. Assumes the bearings' errors are as large as
+//! reported; a track shorter than [`LEAST_S`] is not tested.
 
 use super::track::Passage;
 use crate::angle::wrap_pi;
@@ -24,11 +22,6 @@ const SUSPECT_SD: f64 = 3.5;
 /// Fall of the weighted squared residual that proves it. Three more parameters and the time of the cut lower it by about
 /// 5 by chance; 30 happens once in 10⁵.
 pub(super) const LEAST_GAIN: f64 = 30.0;
-/// The same where nothing but the two lines speaks for it. Elevations that lie off by something else as the vessel passes (a wrong place of the
-/// array, an echo) gain up to 40.
-pub(super) const SLOW_GAIN: f64 = 45.0;
-/// Time from one trial of two lines to the next, seconds.
-const PARTED_S: f64 = 30.0;
 /// Time until a refuted suspicion may be raised again, seconds.
 const RESPITE_S: f64 = 5.0;
 /// Seconds for which they must be exceeded.
@@ -47,10 +40,6 @@ pub(super) struct Manoeuvre {
     white: f64,
     since_s: Option<f64>,
     respite_s: f64,
-    /// When two lines were last tried.
-    parted_s: f64,
-    /// Whether about the middle of the passage.
-    in_middle: bool,
 }
 
 impl Manoeuvre {
@@ -64,25 +53,12 @@ impl Manoeuvre {
             white: 0.0,
             since_s: None,
             respite_s: 0.0,
-            parted_s: 0.0,
-            in_middle: false,
         }
     }
 
     /// The fit before the vessel left its line, if it did.
     pub(super) fn reference(&self) -> Option<&Known> {
         self.reference.as_ref()
-    }
-
-    /// Where a passage with its first and newest bearing at these times is to be parted to try two lines, if that is due.
-    pub(super) fn parting_s(&mut self, (first_s, newest_s): (f64, f64)) -> Option<f64> {
-        if newest_s - first_s < LEAST_S || newest_s - self.parted_s < PARTED_S {
-            return None;
-        }
-        self.parted_s = newest_s;
-        self.in_middle = !self.in_middle;
-        let newer = if self.in_middle { 0.5 } else { 0.25 };
-        Some(newest_s - newer * (newest_s - first_s))
     }
 
     /// Takes a bearing of the track (already part of `passage`). Answers since when the vessel seems to have left its line.

@@ -339,10 +339,6 @@ fn serve(
         && track.duty == Duty::Live
     {
         track.duty = Duty::suspected(onset_s);
-    } else if track.duty == Duty::Live
-        && let Some(onset_s) = track.manoeuvre.parting_s(track.passage.times_s())
-    {
-        track.duty = Duty::parted(onset_s);
     }
     if t_s >= track.next_report_s && track.is_telling(config) {
         track.next_report_s = t_s + config.report_s;
