@@ -1,32 +1,15 @@
 //! `seabearing locate` and `seabearing orient` as a person runs them.
 
+mod records_of;
+
+use records_of::{number, records, refusal, seabearing};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 const ARRAYS_M: [(u16, [f64; 3]); 3] =
     [(1, [0.0, 100.0, -168.0]), (2, [86.6, -50.0, -168.0]), (3, [-86.6, -50.0, -168.0])];
 const SOUND_SPEED_M_S: f64 = 1484.0;
-
-fn seabearing(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_seabearing")).args(args).output().expect("the command runs")
-}
-
-fn records(args: &[&str]) -> Vec<Value> {
-    let out = seabearing(args);
-    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
-    String::from_utf8(out.stdout).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect()
-}
-
-/// One line on standard error, exit code not zero, nothing on standard output.
-fn refusal(args: &[&str]) -> String {
-    let out = seabearing(args);
-    let text = String::from_utf8(out.stderr).unwrap();
-    assert!(!out.status.success() && out.stdout.is_empty(), "{args:?}");
-    assert_eq!(text.trim_end().lines().count(), 1, "{text}");
-    text
-}
 
 /// A vessel at 5 m depth: 300 m East at time 200 s, heading 20°, 6 m/s.
 fn vessel_m(t_s: f64) -> [f64; 3] {
@@ -68,10 +51,6 @@ fn write(dir: &Path, behind_s: f64, turned: impl Fn(u16) -> f64) -> (PathBuf, Pa
     std::fs::write(&stations, network).unwrap();
     std::fs::write(&bearings, rows).unwrap();
     (stations, bearings)
-}
-
-fn number(r: &Value, key: &str) -> f64 {
-    r[key].as_f64().unwrap_or_else(|| panic!("{key} in {r}"))
 }
 
 #[test]

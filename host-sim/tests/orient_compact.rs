@@ -1,34 +1,13 @@
 //! `seabearing orient` and `bearing` of a compact array as a person runs them: sign, geometry, and bearings off the track.
 
+mod records_of;
+
+use records_of::{number, records, refusal, seabearing};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::{Command, Output};
 
 const SOUND_SPEED_M_S: f64 = 1484.0;
-
-fn seabearing(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_seabearing")).args(args).output().expect("the command runs")
-}
-
-fn records(args: &[&str]) -> Vec<Value> {
-    let out = seabearing(args);
-    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
-    String::from_utf8(out.stdout).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect()
-}
-
-/// One line on standard error, exit code not zero, nothing on standard output.
-fn refusal(args: &[&str]) -> String {
-    let out = seabearing(args);
-    let text = String::from_utf8(out.stderr).unwrap();
-    assert!(!out.status.success() && out.stdout.is_empty(), "{args:?}");
-    assert_eq!(text.trim_end().lines().count(), 1, "{text}");
-    text
-}
-
-fn number(r: &Value, key: &str) -> f64 {
-    r[key].as_f64().unwrap_or_else(|| panic!("{key} in {r}"))
-}
 
 /// A compact array's station file, and a track past it, 300 m off at 163 m of height.
 fn compact(dir: &Path) -> (String, String) {
