@@ -4,7 +4,7 @@
 //! at constant speed that the fit assumes: a window holds it while the positions stay within 0.5° (the tracker's own
 //! coloured error) of the best straight line as seen from 500 or 1000 m. And, with bearings simulated from these tracks
 //! past virtual arrays 200 to 1000 m aside ([`super::heard_vessels`]), whether the vessel is tracked, and whether tracks
-//! are split where it turned and only there. A passage of 300 s counts as straight if the course stays within 10° and the
+//! are split where it turned and only there, and how often the vessel is where they state. A passage of 300 s counts as straight if the course stays within 10° and the
 //! speed within 20 %, as turning if the course changes by 25° or more, as bending otherwise.
 
 use super::ais_paths::{Instant, Passing, VesselPath, paths};
@@ -19,6 +19,7 @@ use rayon::prelude::*;
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::kit::straight_line::through;
 use seabearing_core::kit::{median, quantile};
+use seabearing_core::wire::Track;
 use std::collections::BTreeSet;
 
 /// The experiment.
@@ -42,6 +43,8 @@ const UNNOTICED_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 const STRAIGHT_DEG: f64 = 10.0;
 const STEADY: f64 = 0.2;
 const TURNING_DEG: f64 = 25.0;
+/// Deviations in a plane within which 95 % lie.
+const DEVIATIONS_95: f64 = 2.448;
 /// A report this near the truth is on its vessel, degrees.
 const ON_VESSEL_DEG: f64 = 5.0;
 
@@ -141,6 +144,10 @@ struct PassageScore {
     delay_s: Option<f64>,
     /// Error of the heading at the end, degrees, where reported.
     heading_deg: Option<f64>,
+    /// Running reports on the vessel that tell its place and heading; of these with the true place, and the true heading, in their 95 %.
+    told: usize,
+    placed: usize,
+    headed: usize,
 }
 
 /// Course against the first second's, unwrapped, degrees.
@@ -186,11 +193,18 @@ fn passage(all: &[VesselPath], long: &[usize], seed: u64, run: usize) -> Passage
     let bearings = listen(&[vessel], PASSAGE_S as f64, &mut rng, 0.0);
     let (records, _) = track(&bearings);
     let (mut ids, mut on, mut split_s) = (BTreeSet::new(), BTreeSet::new(), None);
+    let (mut told, mut placed, mut headed) = (0, 0, 0);
     for record in records.iter().filter(|r| r.stage == 0) {
         let t_s = record.index as f64 / RATE_HZ;
         let azimuth = f64::from(record.x_m).atan2(f64::from(record.y_m));
         if wrap_pi(azimuth - vessel.azimuth(t_s)).abs().to_degrees() < ON_VESSEL_DEG {
             on.insert((t_s / 10.0) as u32);
+            if record.sd_heading.is_finite() && record.var_x_m2.is_finite() {
+                told += 1;
+                placed += usize::from(deviations(record, vessel.position(t_s)) < DEVIATIONS_95);
+                let off = wrap_pi(f64::from(record.heading) - stretch[t_s as usize].course()).abs();
+                headed += usize::from(off < 1.96 * f64::from(record.sd_heading));
+            }
             if ids.insert(record.id) && ids.len() == 2 {
                 split_s = Some(t_s);
             }
@@ -210,7 +224,17 @@ fn passage(all: &[VesselPath], long: &[usize], seed: u64, run: usize) -> Passage
         splits: ids.len().saturating_sub(1),
         delay_s: split_s.zip(onset).map(|(s, o)| s - o),
         heading_deg: last.map(|r| wrap_pi(f64::from(r.heading) - truth).abs().to_degrees()),
+        told,
+        placed,
+        headed,
     }
+}
+
+/// How far a place (m) is from the one stated, in the deviations stated.
+fn deviations(record: &Track, (x, y): (f64, f64)) -> f64 {
+    let (x, y) = (f64::from(record.x_m) - x, f64::from(record.y_m) - y);
+    let [xx, yy, xy] = [record.var_x_m2, record.var_y_m2, record.cov_xy_m2].map(f64::from);
+    ((x * x * yy - 2.0 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)).sqrt()
 }
 
 fn passages(options: &Options, all: &[VesselPath]) -> Result<Vec<PassageScore>> {
@@ -228,7 +252,7 @@ fn passages(options: &Options, all: &[VesselPath]) -> Result<Vec<PassageScore>> 
     let mut report = CsvReport::new(
         "ais-passages",
         "turning,passages,tracked_percent,time_on_vessel_percent,split_percent,splits_a_passage,\
-         median_delay_s,median_heading_error_deg",
+         median_delay_s,median_heading_error_deg,in_their_95_place_percent,heading_percent",
     );
     for (k, class) in [Class::Straight, Class::Bending, Class::Turning].into_iter().enumerate() {
         let mine: Vec<&PassageScore> = found.iter().filter(|p| p.class == class).collect();
@@ -242,6 +266,12 @@ fn passages(options: &Options, all: &[VesselPath]) -> Result<Vec<PassageScore>> 
         let split = 100.0 * share(&|p| f64::from(u8::from(p.splits > 0)));
         options.figures.state(format!("{name} passages tracked in four fifths of all 10 s, %"), tracked);
         options.figures.state(format!("{name} passages split, %"), split);
+        let told = mine.iter().map(|p| p.told).sum::<usize>() as f64;
+        let inside =
+            |f: fn(&PassageScore) -> usize| 100.0 * mine.iter().map(|p| f(p)).sum::<usize>() as f64 / told;
+        let (placed, headed) = (inside(|p| p.placed), inside(|p| p.headed));
+        options.figures.state(format!("{name} passages: places in their 95 %, %"), placed);
+        options.figures.state(format!("{name} passages: headings in their 95 %, %"), headed);
         report.row(&[
             k as f64,
             n,
@@ -251,6 +281,8 @@ fn passages(options: &Options, all: &[VesselPath]) -> Result<Vec<PassageScore>> 
             share(&|p| p.splits as f64),
             middle(&|p| p.delay_s),
             middle(&|p| p.heading_deg),
+            placed,
+            headed,
         ]);
     }
     report.finish(options)?;

@@ -3,8 +3,9 @@
 //! Four vessels pass one array within 300 s on random straight tracks (closest points 200 to 1500 m, 5 to 10 m/s), drawn
 //! until exactly two pairs of bearings cross between 60 and 240 s and all are more than 6° apart at both ends, heard as
 //! [`super::heard_vessels`] says; one instant in twenty has a false bearing anywhere. Then single vessels, half of which
-//! turn by 40° at 1 degree a second.
+//! turn by 40° at 1 degree a second; of those that go straight, how often the heading is where the running records state it.
 
+use super::figure::Bar;
 use super::heard_vessels::{Bearings, HeardVessel, RATE_HZ, listen, track};
 use super::{Experiment, Options};
 use crate::csv::{CsvText, Fixed};
@@ -32,6 +33,8 @@ const VESSELS: usize = 4;
 const FALSE_BEARING: f64 = 0.05;
 const TURN_DEG: f64 = 40.0;
 const TURN_RATE_DEG_S: f64 = 1.0;
+/// Until then a vessel has hardly turned, seconds.
+const FIRST_S: f64 = 60.0;
 
 /// A vessel: straight, or with one turn.
 #[derive(Clone, Copy, Debug)]
@@ -212,6 +215,13 @@ fn run(options: &Options) -> Result<()> {
     figures.state("noticed after, median, s", at(0.5));
     figures.state("noticed after, 90 %, s", at(0.9));
     figures.at_most("one vessel going straight: split, %", share(false_splits), 0.0);
+    let all = |f: fn(&Turn) -> [usize; 2]| turns.iter().map(f).fold([0; 2], |[a, b], [c, d]| [a + c, b + d]);
+    let (told, right) = (all(|t| t.told), all(|t| t.right));
+    let percent = |right: usize, told: usize| 100.0 * right as f64 / told as f64;
+    let within = |what: &str, value: f64| figures.report(what, value, Bar::Within(92.0, 97.0));
+    within("its headings told in their 95 %, %", percent(right[0] + right[1], told[0] + told[1]));
+    within("those of the first minute, %", percent(right[0], told[0]));
+    figures.state("of all told those of the first minute, %", percent(told[0], told[0] + told[1]));
     Ok(())
 }
 
@@ -221,6 +231,9 @@ struct Turn {
     delay_s: Option<f64>,
     early: bool,
     straight_split: bool,
+    /// Running records of the straight one that tell its heading, in the first minute and after it; of these with the true one in their 95 %.
+    told: [usize; 2],
+    right: [usize; 2],
 }
 
 impl Turn {
@@ -235,7 +248,17 @@ impl Turn {
         let straight = TurningVessel { turn: None, ..vessel };
         let (records, _) = track(&listen(&[straight], DURATION_S, &mut rng, 0.0));
         let ids: BTreeSet<u16> = records.iter().map(|r| r.id).collect();
+        let (mut told, mut right) = ([0; 2], [0; 2]);
+        let heading = straight.cpa_azimuth + straight.sense * std::f64::consts::FRAC_PI_2;
+        for record in records.iter().filter(|r| r.stage == Track::RUNNING && r.sd_heading.is_finite()) {
+            let late = usize::from(record.index as f64 / RATE_HZ >= FIRST_S);
+            told[late] += 1;
+            let off = wrap_pi(f64::from(record.heading) - heading).abs();
+            right[late] += usize::from(off < 1.96 * f64::from(record.sd_heading));
+        }
         Self {
+            told,
+            right,
             delay_s: switched.filter(|t| *t >= start_s).map(|t| t - start_s),
             early: switched.is_some_and(|t| t < start_s),
             straight_split: ids.len() != 1,

@@ -43,6 +43,11 @@ impl Known {
         Self { line, root: root(covariance) }
     }
 
+    /// Standard deviation of the heading, radians.
+    pub(crate) fn heading_sd_rad(&self) -> f64 {
+        f64::from(self.root[0])
+    }
+
     /// Covariance of the parameters (none for the elevations' bias).
     pub(crate) fn covariance(&self) -> Matrix {
         let mut l = [[0.0; MOVING]; MOVING];

@@ -30,6 +30,7 @@ pub(crate) mod declared;
 mod known;
 mod lines;
 mod node;
+mod profile;
 pub mod report;
 mod settings;
 
@@ -101,6 +102,8 @@ enum Due {
     Step,
     /// Fresh lines beside them.
     Search,
+    /// What other headings cost.
+    Profile,
 }
 
 /// The memory of one vessel's passage, in `N` averages.
@@ -115,6 +118,13 @@ pub struct Passage<const N: usize> {
     next_search: u32,
     due: Due,
     lines: Lines,
+    /// By how many times themselves a solution's variances are too small at least. Nothing in an empty passage is other than zero: an image in flash
+    /// needs no place for it.
+    misfit: f32,
+    /// Standard deviation of the heading by what other headings cost, radians; 0 where that was not asked, or the line's own is right.
+    heading_sd: f32,
+    /// When that was found, seconds since the first bearing.
+    profiled_s: f32,
 }
 
 impl<const N: usize> Passage<N> {
@@ -131,6 +141,9 @@ impl<const N: usize> Passage<N> {
             next_search: 0,
             due: Due::Nothing,
             lines: Lines::new(),
+            misfit: 0.0,
+            heading_sd: 0.0,
+            profiled_s: 0.0,
         }
     }
 
@@ -156,6 +169,11 @@ impl<const N: usize> Passage<N> {
     /// The averages, oldest first; times count from the first of [`Passage::times_s`].
     pub fn averages(&self) -> impl DoubleEndedIterator<Item = Mean> + '_ {
         self.nodes().iter().map(Node::mean)
+    }
+
+    /// What a solution's variances are multiplied by from now on, at least 1: other lines explain the bearings better.
+    pub(crate) fn set_misfit(&mut self, times: f64) {
+        self.misfit = (times - 1.0).max(0.0) as f32;
     }
 
     /// The best line, if there is one.
@@ -185,16 +203,15 @@ impl<const N: usize> Passage<N> {
         let due = core::mem::replace(&mut self.due, Due::Nothing);
         self.refreshed_s = if due == Due::Nothing { self.refreshed_s } else { self.last_s };
         match due {
-            Due::Nothing => false,
-            Due::Step => {
-                self.improve(config, false, 1);
-                true
-            }
-            Due::Search => {
-                self.search(config);
-                true
-            }
+            Due::Nothing => return false,
+            Due::Step => _ = self.improve(config, false, 1),
+            Due::Search => _ = self.search(config),
+            Due::Profile => self.profile(config),
         }
+        if due != Due::Profile && self.is_profile_due() {
+            self.due = Due::Profile;
+        }
+        true
     }
 
     /// The first half of the end-of-passage solution: fresh lines beside those there are.
@@ -202,7 +219,7 @@ impl<const N: usize> Passage<N> {
         self.improve(config, true, SEARCH_STEPS)
     }
 
-    /// The second half: all lines to convergence. Returns the least weighted squared residual.
+    /// All lines to convergence. Returns the least weighted squared residual.
     pub fn polish(&mut self, config: &Config) -> Option<f64> {
         self.improve(config, false, POLISH_STEPS)
     }
@@ -210,8 +227,16 @@ impl<const N: usize> Passage<N> {
     /// The end-of-passage solution.
     pub fn finish(&mut self, config: &Config) -> Option<Solution> {
         self.search(config);
-        self.polish(config);
+        self.conclude(config);
         self.solution(config)
+    }
+
+    /// The second half: all lines to convergence, and how far the heading may be from the best one's.
+    pub(crate) fn conclude(&mut self, config: &Config) {
+        self.polish(config);
+        if self.is_profile_due() {
+            self.profile(config);
+        }
     }
 
     /// Azimuth expected at a time of reception. Before there is a line: the newest bearing, turning by no more than a
@@ -244,18 +269,18 @@ impl<const N: usize> Passage<N> {
         problem.limits = Limits { range_m: (near, limits.range_m.1), ..limits };
         let (line, normal) = problem.within_limits(&self.best()?.line)?;
         let known = solution(&line, &normal, &config.free(), &limits, self.seen, problem.measurements())?;
-        let mut covariance = known.covariance;
-        let misfit = config.misfit(line.p[4]);
-        covariance.iter_mut().flatten().for_each(|c| *c *= misfit);
-        let scale = config.scale_variance(covariance[3][3]);
-        if config.lasting_sd_rad <= 0.0 && scale <= 0.0 && misfit <= 1.0 {
+        let mut covariance = self.with_profile(&known.covariance);
+        let misfit = config.misfit(line.p[4]).max(1.0 + f64::from(self.misfit));
+        let scale = config.scale_variance(known.covariance[3][3]);
+        if config.lasting_sd_rad <= 0.0 && scale <= 0.0 && misfit <= 1.0 && self.heading_sd <= 0.0 {
             return Some(known);
         }
+        covariance[3][3] += scale;
+        covariance.iter_mut().flatten().for_each(|c| *c *= misfit);
         // An error of all azimuths turns the track; one that changes with the azimuth, as positions' do, stretches it as well.
         for k in [0, 2] {
             covariance[k][k] += config.lasting_sd_rad * config.lasting_sd_rad;
         }
-        covariance[3][3] += scale;
         from_covariance(&line, &covariance, &limits, self.seen, known.consistency)
     }
 
@@ -291,6 +316,19 @@ impl<const N: usize> Passage<N> {
         Some(explained)
     }
 
+    /// By how much the weighted squared residual falls where two lines take the place of the best one, one near it before a time and a fresh
+    /// one after it: seldom more than [`Passage::split`] finds, for less work than a search.
+    pub(crate) fn gain_of_two(&self, config: &Config, t_s: f64) -> Option<f64> {
+        let cut = self.nodes().iter().filter(|n| self.origin_s + n.t_s() < t_s).count();
+        let links = self.links(config);
+        let (all, line) = (self.problem(config, &links), self.best()?.line);
+        let near = |problem: &Problem<'_>| problem.freed(&line).map(|(_, normal)| normal.cost());
+        let (nodes, links) = (all.nodes.split_at_checked(cut)?, all.links.split_at_checked(cut)?);
+        let older = Problem { nodes: nodes.0, links: links.0, ..all };
+        let newer = Problem { nodes: nodes.1, links: links.1, ..all };
+        Some(near(&all)? - near(&older)? - Lines::new().improve(&newer, true, SEARCH_STEPS)?)
+    }
+
     /// Cuts at a time if two lines, one before it and one after, explain the bearings better than the best single one
     /// by `gain` in weighted squared residual: what is older stays here, what is newer is returned as a passage of its
     /// own. The single line is taken as it stands ([`Passage::search`] and [`Passage::polish`] come before).
@@ -312,7 +350,7 @@ impl<const N: usize> Passage<N> {
         let (newer, cost_newer) = part(Lines::new(), cut, self.len)?;
         (whole - cost_older - cost_newer > gain).then(|| {
             let newer = self.taken(cut, newer);
-            self.lines = older;
+            (self.lines, self.misfit) = (older, 0.0);
             newer
         })
     }

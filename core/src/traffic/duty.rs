@@ -1,10 +1,9 @@
 //! What is to be done for each vessel's fit, one piece a call.
 //!
 //! In: all tracks. Out: one piece of work done for the next track that has some, and the records it led to. A piece is a
-//! step of a track's lines, a search for fresh ones, or their polish; the end of a passage takes a search and a polish, the
-//! proof of a manoeuvre a search, a polish and the fit of both parts.
+//! step of a track's lines, a search for fresh ones, or their polish; the end of a passage takes a search and a polish, the trial of two lines a
+//! polish and a few steps of both, the proof of a manoeuvre a search, a polish and the fit of both parts.
 
-use super::manoeuvre::{LEAST_GAIN, Manoeuvre};
 use super::{Config, State, Track, VESSELS};
 use crate::motion::Solution;
 use crate::passage::report;
@@ -17,10 +16,14 @@ pub(super) enum Duty {
     Free,
     /// A vessel.
     Live,
+    /// A vessel whose lines have just been polished: two are to be tried in their place.
+    Polished,
     /// A vessel that seems to have left its line at `onset_s`; pieces of the proof done so far.
     Suspected {
         /// Time of reception.
         onset_s: f64,
+        /// By how much two lines have to explain the bearings better.
+        gain: f64,
         /// 0 to 2.
         done: u8,
     },
@@ -38,8 +41,8 @@ impl Duty {
     }
 
     /// A manoeuvre not yet proved.
-    pub(super) const fn suspected(onset_s: f64) -> Self {
-        Self::Suspected { onset_s, done: 0 }
+    pub(super) const fn suspected(onset_s: f64, gain: f64) -> Self {
+        Self::Suspected { onset_s, gain, done: 0 }
     }
 }
 
@@ -51,10 +54,13 @@ pub(super) fn one_piece(config: &Config, state: &mut State, sink: &mut dyn FnMut
         let Some(track) = state.tracks.get_mut(place) else { continue };
         let worked = match track.duty {
             Duty::Free => false,
-            Duty::Live => track.passage.work(&track.motion(config)),
-            Duty::Suspected { onset_s, done } => {
-                let issued = prove(config, track, onset_s, done, state.issued, sink);
-                state.issued = issued;
+            Duty::Live => track.passage.work(&track.motion(config)) || polish(config, track),
+            Duty::Polished => {
+                part(config, track);
+                true
+            }
+            Duty::Suspected { onset_s, gain, done } => {
+                state.issued = prove(config, track, (onset_s, gain), done, state.issued, sink);
                 true
             }
             Duty::Over { done } => conclude(config, track, done, sink),
@@ -67,6 +73,22 @@ pub(super) fn one_piece(config: &Config, state: &mut State, sink: &mut dyn FnMut
     false
 }
 
+/// Polishes a track's lines where two are to be tried in the place of one; false if that is not due.
+fn polish(config: &Config, track: &mut Track) -> bool {
+    let due = track.manoeuvre.is_due(&track.passage);
+    if due {
+        track.passage.polish(&track.motion(config));
+        track.duty = Duty::Polished;
+    }
+    due
+}
+
+/// Tries two lines in the place of the best one.
+fn part(config: &Config, track: &mut Track) {
+    let left = track.manoeuvre.tried(&track.motion(config), &mut track.passage);
+    track.duty = left.map_or(Duty::Live, |(onset_s, gain)| Duty::suspected(onset_s, gain));
+}
+
 /// A piece of the last solution; at the end it is reported and the place is free. False if there was nothing to do but that.
 fn conclude(config: &Config, track: &mut Track, done: u8, sink: &mut dyn FnMut(Message)) -> bool {
     let motion = track.motion(config);
@@ -77,7 +99,7 @@ fn conclude(config: &Config, track: &mut Track, done: u8, sink: &mut dyn FnMut(M
         return true;
     }
     if due {
-        track.passage.polish(&motion);
+        track.passage.conclude(&motion);
         tell(config, track, track.passage.solution(&motion), sink);
     }
     *track = Track::new();
@@ -101,7 +123,7 @@ fn tell(config: &Config, track: &mut Track, solution: Option<Solution>, sink: &m
 fn prove(
     config: &Config,
     track: &mut Track,
-    onset_s: f64,
+    (onset_s, gain): (f64, f64),
     done: u8,
     issued: u16,
     sink: &mut dyn FnMut(Message),
@@ -112,20 +134,21 @@ fn prove(
         1 => track.passage.polish(&motion),
         _ => {
             track.duty = Duty::Live;
-            let Some(newer) = track.passage.split(&motion, onset_s, LEAST_GAIN) else { return issued };
+            let Some(mut newer) = track.passage.split(&motion, onset_s, gain) else { return issued };
             let enough = track.is_telling(config);
             if enough || track.reported {
                 let solution = track.passage.solution(&motion).filter(|_| enough);
                 tell(config, track, solution, sink);
             }
             track.id = issued.wrapping_add(1).max(1);
-            (track.passage, track.manoeuvre) = (newer, Manoeuvre::new());
+            track.manoeuvre = track.manoeuvre.after(gain, &mut newer);
+            track.passage = newer;
             (track.reported, track.crossing_since_s) = (false, None);
             (track.relative_sd, track.place) = (None, None);
             track.next_report_s = track.updated_s;
             return track.id;
         }
     };
-    track.duty = Duty::Suspected { onset_s, done: done + 1 };
+    track.duty = Duty::Suspected { onset_s, gain, done: done + 1 };
     issued
 }

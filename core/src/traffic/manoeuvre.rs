@@ -5,7 +5,9 @@
 //! averaged exponentially over [`MEMORY_S`]; the average's standard deviation follows from the bearings' white and
 //! coloured errors and the reference's own uncertainty. More than [`SUSPECT_SD`] of them for [`SUSTAINED_S`] is a
 //! suspicion. It is a manoeuvre only if two lines, before and after, explain all bearings better than any single line by
-//! [`LEAST_GAIN`]: the reference may have been the wrong one of two arcs. Assumes the bearings' errors are as large as
+//! [`LEAST_GAIN`]: the reference may have been the wrong one of two arcs. A change of speed that takes longer bends the reference with
+//! it and never stands out of the bearings' mean: every [`TRIED_S`] the lines are polished and two near the best are tried before and after the middle of the
+//! passage, and the next time its last quarter; a gain of [`SLOW_GAIN`] is a suspicion. Assumes the bearings' errors are as large as
 //! reported; a track shorter than [`LEAST_S`] is not tested.
 
 use super::track::Passage;
@@ -22,6 +24,15 @@ const SUSPECT_SD: f64 = 3.5;
 /// Fall of the weighted squared residual that proves it. Three more parameters and the time of the cut lower it by about
 /// 5 by chance; 30 happens once in 10⁵.
 pub(super) const LEAST_GAIN: f64 = 30.0;
+/// The same where nothing but the two lines speaks for it. Elevations that lie off by something else as the vessel passes (a wrong place of the
+/// array, an echo) gain up to 40.
+const SLOW_GAIN: f64 = 45.0;
+/// Time from one trial of two lines to the next, seconds.
+const TRIED_S: f64 = 30.0;
+/// What two lines gain by chance, and of how many parameters: a gain of so many times it widens what the one line states as many times.
+const CHANCE_GAIN: f64 = 4.0;
+/// And no further: it is parted before.
+const MOST_MISFIT: f64 = 25.0;
 /// Time until a refuted suspicion may be raised again, seconds.
 const RESPITE_S: f64 = 5.0;
 /// Seconds for which they must be exceeded.
@@ -40,6 +51,13 @@ pub(super) struct Manoeuvre {
     white: f64,
     since_s: Option<f64>,
     respite_s: f64,
+    /// When two lines were last tried.
+    tried_s: f64,
+    /// Whether about the middle of the passage.
+    in_middle: bool,
+    /// What two lines gained the last time about the last quarter, about the middle, and when they took the place of one that the vessel had left
+    /// slowly: it may go on doing so.
+    gains: [f32; 3],
 }
 
 impl Manoeuvre {
@@ -53,7 +71,47 @@ impl Manoeuvre {
             white: 0.0,
             since_s: None,
             respite_s: 0.0,
+            tried_s: 0.0,
+            in_middle: false,
+            gains: [0.0; 3],
         }
+    }
+
+    /// Whether two lines are to be tried now.
+    pub(super) fn is_due(&self, passage: &Passage) -> bool {
+        let (first_s, newest_s) = passage.times_s();
+        newest_s - first_s >= LEAST_S && newest_s - self.tried_s >= TRIED_S
+    }
+
+    /// Tries two lines: when the vessel seems to have left its line and by how much the proof has to gain, if they explain the bearings better.
+    /// By as much as they do the passage doubts what it tells.
+    pub(super) fn tried(&mut self, config: &Config, passage: &mut Passage) -> Option<(f64, f64)> {
+        let (first_s, newest_s) = passage.times_s();
+        self.tried_s = newest_s;
+        self.in_middle = !self.in_middle;
+        let newer = if self.in_middle { 0.5 } else { 0.25 };
+        let at_s = newest_s - newer * (newest_s - first_s);
+        let gain = passage.gain_of_two(config, at_s)?;
+        let [quarter, middle, _] = &mut self.gains;
+        *(if self.in_middle { middle } else { quarter }) = gain as f32;
+        passage.set_misfit(self.misfit());
+        (gain > SLOW_GAIN).then_some((at_s, SLOW_GAIN))
+    }
+
+    /// Of what follows a proof that had to gain this, and the passage that tells it.
+    pub(super) fn after(&self, gain: f64, newer: &mut Passage) -> Self {
+        let slowly = if gain > LEAST_GAIN { self.most() as f32 } else { 0.0 };
+        let after = Self { gains: [0.0, 0.0, slowly], ..Self::new() };
+        newer.set_misfit(after.misfit());
+        after
+    }
+
+    fn misfit(&self) -> f64 {
+        (self.most() / CHANCE_GAIN).clamp(1.0, MOST_MISFIT)
+    }
+
+    fn most(&self) -> f64 {
+        self.gains.iter().fold(0.0, |most, gain| most.max(f64::from(*gain)))
     }
 
     /// The fit before the vessel left its line, if it did.

@@ -67,15 +67,12 @@ fn changing_speed(from_s: f64, by_m_s2: f64) -> (Vec<Message>, f64) {
     let mut config = Config::with(passage::Config::new(&tracking, 1484.0), RATE_HZ);
     (config.motion.medium.height_m, config.motion.height_sd_m) = (98.0, 2.0);
     config.motion.elevation_bias_sd_rad = RAD_PER_DEG;
-    config.motion.medium.slowness_s_m = 0.0;
     let (mut state, mut out, mut seed) = (State::new(), Vec::new(), 5);
     let (mut along, mut speed) = (-560.0, 7.0);
-    let mut ways = Vec::new();
     let at = |along: f64| (0.866 * along - 30.0, 0.5 * along + 52.0);
     for k in 0..500 {
         let t = 0.5 * f64::from(k);
         let (x, y) = at(along);
-        ways.push((x, y));
         let (sd, sd_up) = (0.02 * RAD_PER_DEG, 0.2 * RAD_PER_DEG);
         let elevation = m::atan2(98.0, m::hypot(x, y)) + sd_up * gaussian(&mut seed);
         let heard = Bearing {
@@ -88,7 +85,7 @@ fn changing_speed(from_s: f64, by_m_s2: f64) -> (Vec<Message>, f64) {
         along += 0.5 * speed;
     }
     let newest = *tracks(&out, 0).last().unwrap();
-    let (x, y) = ways[(2.0 * newest.index as f64 / RATE_HZ) as usize];
+    let (x, y) = at(along);
     let (x, y) = (f64::from(newest.x_m) - x, f64::from(newest.y_m) - y);
     let (xx, yy, xy) = (newest.var_x_m2, newest.var_y_m2, newest.cov_xy_m2);
     let (xx, yy, xy) = (f64::from(xx), f64::from(yy), f64::from(xy));
@@ -103,9 +100,16 @@ fn a_vessel_that_stops_is_told_where_it_lies() {
 }
 
 #[test]
-fn a_vessel_that_loses_speed_all_the_time_is_told_by_pieces_of_its_way() {
-    let (out, off) = changing_speed(60.0, -0.04);
-    assert!(!tracks(&out, 1).is_empty() && off < 4.0, "{off} {:?}", tracks(&out, 1));
+fn a_vessel_that_gains_or_loses_speed_all_the_time_is_where_it_is_told() {
+    // As one line they were up to 29 deviations off, unnoticed; the slowest changes are still told by one, which doubts itself.
+    let changes = [0.005, 0.01, 0.02, 0.03, -0.01, -0.02].map(|by_m_s2| (0.0, by_m_s2));
+    for (from_s, by_m_s2) in
+        changes.into_iter().chain([(60.0, -0.02), (60.0, -0.04), (60.0, 0.04), (30.0, -0.06), (80.0, -0.1)])
+    {
+        let (out, off) = changing_speed(from_s, by_m_s2);
+        assert!(off < 3.0, "{by_m_s2} {off}");
+        assert!(m::abs(by_m_s2) < 0.02 || !tracks(&out, 1).is_empty(), "{by_m_s2}");
+    }
     let (out, off) = changing_speed(0.0, 0.0);
     assert!(tracks(&out, 1).is_empty() && off < 3.0, "{off}");
 }

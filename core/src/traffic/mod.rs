@@ -336,9 +336,9 @@ fn serve(
     track.crossing_since_s = None;
     let turned = track.manoeuvre.test(&motion, &track.passage, t_s, heard.azimuth, heard.variance);
     if let Some(onset_s) = turned
-        && track.duty == Duty::Live
+        && matches!(track.duty, Duty::Live | Duty::Polished)
     {
-        track.duty = Duty::suspected(onset_s);
+        track.duty = Duty::suspected(onset_s, manoeuvre::LEAST_GAIN);
     }
     if t_s >= track.next_report_s && track.is_telling(config) {
         track.next_report_s = t_s + config.report_s;

@@ -113,7 +113,7 @@ impl Track {
 
     /// Whether it takes bearings.
     pub(super) fn is_live(&self) -> bool {
-        matches!(self.duty, Duty::Live | Duty::Suspected { .. })
+        !matches!(self.duty, Duty::Free | Duty::Over { .. })
     }
 }
 
