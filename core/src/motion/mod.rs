@@ -7,6 +7,7 @@ pub mod chain;
 pub mod hypotheses;
 pub mod model;
 pub mod normal;
+pub mod profile;
 pub mod solution;
 pub mod start;
 

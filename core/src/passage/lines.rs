@@ -127,17 +127,6 @@ impl Problem<'_> {
         self.descended(*line, FREED_STEPS).map(|p| (p.at, p.normal))
     }
 
-    /// By how much the cost rises where a line is moved by `step`, its heading is held there, and all else takes up to `steps` steps, for closest
-    /// points of even density: that of ln |q| goes as 1/|q|.
-    pub(super) fn rise(&self, line: &Line, step: &[f64; PARAMETERS], steps: usize) -> Option<f64> {
-        let moved = line.moved(step, &self.limits);
-        let mut free = self.config.free();
-        free[0] = false;
-        let held = minimise(&moved, &free, &self.limits, steps, |line| self.evaluate(line))?;
-        let density = 2.0 * (held.at.p[2] - line.p[2]);
-        Some(held.normal.cost() - self.evaluate(line)?.cost() + density)
-    }
-
     /// Up to `steps` damped steps from a line.
     #[inline(never)]
     fn descended(&self, line: Line, steps: usize) -> Option<Point> {

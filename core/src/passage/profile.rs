@@ -1,30 +1,15 @@
-//! How far the heading may be from the best line's: what other headings cost.
-//!
-//! In: the best line of a passage. Out: a standard deviation of its heading, radians. While a vessel has hardly turned, every heading with its own
-//! closest point explains the bearings nearly as well, and where noise looks like an arc the curvature of the likelihood there says that it is
-//! known to a few degrees. So the heading is held [`FAR_SD`] deviations to either side, all else is fitted, and the deviation is the one at which a
-//! parabola would have risen as much: `|d| / √Δ`. A vessel is taken to pass as likely in one distance as in another, so that an arc as of one near by has
-//! to be told by its bearings. With what follows from the heading along that ridge it widens a solution.
-//!
-//! Without it 88 % of the headings of vessels that go straight were in their 95 %, and 46 % of those told in the first minute
-//! (`seabearing reproduce several-vessels`). Cost: two fits of one line, a few seconds apart, while the heading is known to no better than [`SURE_RAD`].
+//! When the heading of a passage's best line is profiled ([`crate::motion::profile`]): every few seconds while it is not sure.
 
 use super::Passage;
 use super::settings::Config;
 use crate::math::f64 as m;
 use crate::motion::normal::Matrix;
+use crate::motion::profile::{heading_sd_rad, widened};
 
-/// Deviations by which the heading is held aside, and no farther than this, radians.
-const FAR_SD: f64 = 4.0;
-const FARTHEST_RAD: f64 = 1.2;
-/// A rise that is none: nothing tells the heading.
-const LEAST_RISE: f64 = 0.01;
 /// A heading with less spread has the deviation of its line, radians (3°).
 const SURE_RAD: f64 = 0.05;
 /// Time between profiles, seconds.
 const PROFILED_S: f64 = 5.0;
-/// Steps of a fit with its heading held.
-const HELD_STEPS: usize = 6;
 
 impl<const N: usize> Passage<N> {
     /// Whether the heading is to be profiled now. One that has become sure no longer needs to be.
@@ -45,35 +30,15 @@ impl<const N: usize> Passage<N> {
         let links = self.links(config);
         let problem = self.problem(config, &links);
         let Some(best) = self.best() else { return };
-        let (covariance, own) = (best.covariance(), best.heading_sd_rad());
-        let far = (FAR_SD * own).min(FARTHEST_RAD);
-        let mut sd = own;
-        for aside in [-far, far] {
-            if let Some(rise) = problem.rise(&best.line, &along_heading(&covariance, aside), HELD_STEPS) {
-                sd = sd.max(far / m::sqrt(rise.max(LEAST_RISE)));
-            }
-        }
+        let (free, limits) = (config.free(), &problem.limits);
+        let sd = heading_sd_rad(&best.line, &best.covariance(), &free, limits, |line| problem.evaluate(line));
         self.heading_sd = sd as f32;
     }
 
-    /// A covariance whose heading has at least the deviation profiled, and whatever goes with it as much more.
+    /// A covariance of the best line with the deviation of the heading that was found.
     pub(super) fn with_profile(&self, covariance: &Matrix) -> Matrix {
-        let known = covariance[0][0];
-        let more = f64::from(self.heading_sd) * f64::from(self.heading_sd) - known;
-        let mut wider = *covariance;
-        if more > 0.0 && known > 0.0 {
-            let ridge = along_heading(covariance, m::sqrt(more));
-            for (row, a) in wider.iter_mut().zip(&ridge) {
-                row.iter_mut().zip(&ridge).for_each(|(c, b)| *c += a * b);
-            }
-        }
-        wider
+        widened(covariance, f64::from(self.heading_sd))
     }
-}
-
-/// What the parameters are moved by where the heading is moved by this, by their covariance.
-fn along_heading<const P: usize>(covariance: &[[f64; P]; P], aside: f64) -> [f64; P] {
-    covariance.map(|row| row.first().map_or(0.0, |c| aside * c / covariance[0][0]))
 }
 
 #[cfg(test)]
@@ -125,22 +90,5 @@ mod tests {
     fn what_a_whole_passage_tells_is_told_and_right() {
         let (told, right) = headings(240.0);
         assert!(told == 60 && (53..=60).contains(&right), "{right} of {told}");
-    }
-
-    #[test]
-    fn a_profile_widens_the_heading_and_what_goes_with_it() {
-        let mut passage = Passage::<64>::new();
-        let mut known = [[0.0; 5]; 5];
-        (0..5).for_each(|k| known[k][k] = 0.01);
-        (known[0][1], known[1][0]) = (0.005, 0.005);
-        assert_eq!(passage.with_profile(&known), known);
-        passage.heading_sd = 0.2;
-        let wider = passage.with_profile(&known);
-        assert!(
-            (wider[0][0] - 0.04).abs() < 1e-6
-                && (wider[0][1] - 0.02).abs() < 1e-6
-                && (wider[1][1] - 0.0175).abs() < 1e-6
-        );
-        assert!((wider[2][2] - 0.01).abs() < 1e-9);
     }
 }

@@ -12,6 +12,7 @@ use super::hypotheses::{add_priors, same};
 use super::lasting;
 use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
 use super::normal::{COLUMNS, Normal, Point, minimise};
+use super::profile::{heading_sd_rad, widened};
 use super::slow;
 use super::solution::{Solution, from_covariance, solution};
 use super::start::{STARTS, emitted, starts};
@@ -108,6 +109,8 @@ pub enum FitError {
 /// Steps from each start over a thinned record, and at most over all bearings.
 const ROUGH_STEPS: usize = 8;
 const FINE_STEPS: usize = 40;
+/// A heading with less spread has the deviation of its line, radians (1°).
+const SURE_RAD: f64 = 0.0175;
 /// Bearings of the thinned record.
 const THINNED: usize = 32;
 
@@ -249,7 +252,15 @@ fn finished<const N: usize>(
     let measurements = (samples.len() + elevations) as f64;
     let n = samples.len() as u32;
     let free = config.free();
-    let of_each = solution(&point.at, &point.normal, &free, limits, n, measurements)?;
+    let mut of_each = solution(&point.at, &point.normal, &free, limits, n, measurements)?;
+    let sure = of_each.covariance[0][0] < SURE_RAD * SURE_RAD && point.at.at_limit(limits) == 0;
+    if !sure {
+        let normal_at =
+            |line: &Line| evaluate(config, factorisation, samples.iter(), line, &mut *work, dense);
+        let sd = heading_sd_rad(&point.at, &of_each.covariance, &free, limits, normal_at);
+        let covariance = widened(&of_each.covariance, sd);
+        of_each = from_covariance(&point.at, &covariance, limits, n, of_each.consistency)?;
+    }
     let unknowns = free.iter().filter(|f| **f).count() as f64;
     let freedom = measurements - unknowns;
     let at = (&point.at, &point.normal);
@@ -405,4 +416,38 @@ pub fn range_interval<const N: usize>(
     let (low_m, low_open) = end(-1.0, m::ln(config.range_m.0))?;
     let (high_m, high_open) = end(1.0, m::ln(config.range_m.1))?;
     Some(Interval { low_m, low_open, high_m, high_open })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::{RAD_PER_DEG, wrap_pi};
+    use crate::motion::test_pass::{config, normal};
+    use std::boxed::Box;
+    use std::vec::Vec;
+
+    #[test]
+    fn an_arc_that_noise_makes_tells_no_heading() {
+        // 1500 m to the east of the array, going north, from a minute before the closest point on.
+        let config = Config { speed_sd_m_s: 2.0, ..config() };
+        let mut work = Box::new(Workspace::<128>::new());
+        for bearings in [24, 40, 60, 90] {
+            let (mut told, mut right) = (0, 0);
+            for run in 0..60 {
+                let mut normal = normal(300 + run);
+                let sd_rad = 0.9 * RAD_PER_DEG;
+                let of = |k: usize| (0.5 * k as f64, 1500.0_f64.atan2(3.5 * k as f64 - 420.0));
+                let heard = |k| (of(k).0, of(k).1 + sd_rad * normal());
+                let samples: Vec<Sample> = (0..bearings)
+                    .map(heard)
+                    .map(|(t_s, azimuth)| Sample::azimuth(t_s, azimuth, sd_rad))
+                    .collect();
+                let Ok(fit) = fit(&config, &samples, &mut work, &mut []) else { continue };
+                let (heading, sd) = (fit.solution.heading_rad, fit.solution.sd_heading_rad);
+                told += usize::from(sd.is_finite());
+                right += usize::from(sd.is_finite() && wrap_pi(heading).abs() < 1.96 * sd);
+            }
+            assert!(told - right <= 5, "{bearings}: {right} of {told}");
+        }
+    }
 }

@@ -18,4 +18,4 @@ mod slow;
 mod test_pass;
 pub mod whiten;
 
-use seabearing_core::motion::{chain, hypotheses, model, normal, solution, start};
+use seabearing_core::motion::{chain, hypotheses, model, normal, profile, solution, start};
