@@ -2,7 +2,7 @@
 //!
 //! In: a line, its covariance and its normal equations anywhere. Out: a standard deviation of its heading, radians. While a vessel has hardly
 //! turned, every heading with its own closest point explains the bearings nearly as well, and where noise looks like an arc the curvature of the
-//! likelihood there says that it is known to a few degrees. So the heading is held [`FAR_SD`] deviations to either side, all else is fitted, and the
+//! likelihood there says that it is known to a few degrees. So the heading is held four deviations to either side, all else is fitted, and the
 //! deviation is the one at which a parabola would have risen as much: `|d| / √Δ`. A vessel is taken to pass as likely in one distance as in
 //! another, so that an arc as of one near by has to be told by its bearings. With what follows from the heading along that ridge it widens a solution.
 //!
