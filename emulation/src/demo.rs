@@ -115,7 +115,7 @@ impl Received {
         print!("{t_s:6.1} s  {azimuth:6.2}°  ({arrives_deg:6.2}°)");
         match self.tracks.last() {
             Some(track) => println!(
-                "  | {:6.1} ± {:4.1} s ({:5.1})  {} ({:3.0})  {:5.1} ± {:4.1}° ({:4.1})",
+                "  | {:6.1} ± {:4.1} s ({:5.1})  {} ({:3.0})  {} ({:4.1})",
                 track.cpa_time_s,
                 track.sd_cpa_time_s,
                 truth.cpa_time_s,
@@ -125,8 +125,11 @@ impl Received {
                     "range unknown".to_owned()
                 },
                 truth.cpa_range_m,
-                track.heading.to_degrees(),
-                track.sd_heading.to_degrees(),
+                if track.sd_heading.is_finite() {
+                    format!("{:5.1} ± {:4.1}°", track.heading.to_degrees(), track.sd_heading.to_degrees())
+                } else {
+                    "heading unknown".to_owned()
+                },
                 truth.heading_deg,
             ),
             None => println!("  | no track yet"),
