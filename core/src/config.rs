@@ -244,6 +244,10 @@ pub struct Tracking {
     pub bearing_sd_deg: f64,
     /// Correlation time of that error, seconds (first-order Gauss-Markov).
     pub bearing_tau_s: f64,
+    /// Standard deviation of what a vessel's own way, never quite straight, adds to the heading of its track and to the direction of its place,
+    /// degrees. Half of all windows of 200 s of vessels in the Solent lie 14 m, root mean square, and more off a straight line: 0.8° at 1 km
+    /// (`seabearing reproduce ais-kinematics`).
+    pub course_sd_deg: f64,
     /// Nearest and farthest closest-point range considered, metres.
     pub range_m: (f64, f64),
     /// Speed of the vessels here from the rate of their shafts, where known.
@@ -257,6 +261,7 @@ impl Default for Tracking {
             speed_sd_m_s: 2.3,
             bearing_sd_deg: 0.5,
             bearing_tau_s: 5.0,
+            course_sd_deg: 0.5,
             range_m: (20.0, 5000.0),
             shaft_speed: None,
         }
@@ -352,6 +357,7 @@ impl StationConfig {
         within("speed_sd_m_s", t.speed_sd_m_s, 0.0, 20.0)?;
         within("bearing_sd_deg", t.bearing_sd_deg, 0.0, 45.0)?;
         within("bearing_tau_s", t.bearing_tau_s, 0.0, 3600.0)?;
+        within("course_sd_deg", t.course_sd_deg, 0.0, 45.0)?;
         within("range_min_m", t.range_m.0, 1.0, 1e5)?;
         within("range_max_m", t.range_m.1, t.range_m.0 * 1.5, 2e5)?;
         if let Some(curve) = &t.shaft_speed {

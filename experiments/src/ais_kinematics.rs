@@ -17,6 +17,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use seabearing_core::angle::wrap_pi;
+use seabearing_core::config::Tracking;
 use seabearing_core::kit::straight_line::through;
 use seabearing_core::kit::{median, quantile};
 use seabearing_core::wire::Track;
@@ -191,7 +192,7 @@ fn passage(all: &[VesselPath], long: &[usize], seed: u64, run: usize) -> Passage
     let array_m = [at.position_m[0] + aside * c, at.position_m[1] - aside * s];
     let vessel = Passing { path: stretch, array_m };
     let bearings = listen(&[vessel], PASSAGE_S as f64, &mut rng, 0.0);
-    let (records, _) = track(&bearings);
+    let (records, _) = track(&bearings, Tracking::default().course_sd_deg);
     let (mut ids, mut on, mut split_s) = (BTreeSet::new(), BTreeSet::new(), None);
     let (mut told, mut placed, mut headed) = (0, 0, 0);
     for record in records.iter().filter(|r| r.stage == 0) {
@@ -318,7 +319,7 @@ fn pictures(
         let vessel = Passing { path: &all[p.path][p.from..p.from + PASSAGE_S], array_m: p.array_m };
         let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
         let bearings = listen(&[vessel], PASSAGE_S as f64, &mut rng, 0.0);
-        let (_, on) = track(&bearings);
+        let (_, on) = track(&bearings, Tracking::default().course_sd_deg);
         for id in on.iter().flatten().collect::<BTreeSet<_>>() {
             let mine = bearings.iter().zip(&on).filter(|(_, o)| o.as_ref() == Some(id));
             let points: Vec<(f64, f64)> = mine.map(|((t, a), _)| (*t, a.to_degrees())).collect();

@@ -91,9 +91,10 @@ pub fn listen(
     out
 }
 
-/// The tracker's configuration: the errors as they are drawn, everything else as usual.
-fn config() -> Config {
-    let tracking = Tracking { bearing_sd_deg: COLOURED_DEG, bearing_tau_s: TAU_S, ..Tracking::default() };
+/// The tracker's configuration: the errors as they are drawn, ways as straight as is said, everything else as usual.
+fn config(course_sd_deg: f64) -> Config {
+    let tracking =
+        Tracking { bearing_sd_deg: COLOURED_DEG, bearing_tau_s: TAU_S, course_sd_deg, ..Tracking::default() };
     Config::with(passage::Config::new(&tracking, SOUND_M_S), RATE_HZ)
 }
 
@@ -115,9 +116,9 @@ fn message(t_s: f64, azimuth: f64) -> Bearing {
     }
 }
 
-/// Runs the tracker; returns its track records, and for each bearing the number of the track it lies on.
-pub fn track(bearings: &Bearings) -> (Vec<Track>, Vec<Option<u16>>) {
-    let config = config();
+/// Runs the tracker, which takes ways to be straight but for `course_sd_deg`; returns its track records, and for each bearing the number of the track it lies on.
+pub fn track(bearings: &Bearings, course_sd_deg: f64) -> (Vec<Track>, Vec<Option<u16>>) {
+    let config = config(course_sd_deg);
     let mut state = State::new();
     let (mut records, mut on) = (Vec::new(), Vec::new());
     let mut sink = |m| {

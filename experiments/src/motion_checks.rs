@@ -199,6 +199,7 @@ fn coverage(options: &Options) -> Result<()> {
             elevation_bias_sd_rad: 0.0,
             tails: None,
             lasting_sd_rad: 0.0,
+            course_sd_rad: 0.0,
             height_sd_m: 0.0,
         };
         let results: Vec<(Standard, Standard, f64)> = (0..runs)

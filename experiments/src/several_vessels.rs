@@ -31,6 +31,8 @@ pub const EXPERIMENT: Experiment = Experiment {
 const DURATION_S: f64 = 300.0;
 const VESSELS: usize = 4;
 const FALSE_BEARING: f64 = 0.05;
+/// These vessels go exactly straight until they turn.
+const COURSE_SD_DEG: f64 = 0.0;
 const TURN_DEG: f64 = 40.0;
 const TURN_RATE_DEG_S: f64 = 1.0;
 /// Until then a vessel has hardly turned, seconds.
@@ -176,7 +178,7 @@ fn run(options: &Options) -> Result<()> {
         .map(|seed| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let vessels = traffic_of_four(&mut rng);
-            let (records, _) = track(&listen(&vessels, DURATION_S, &mut rng, FALSE_BEARING));
+            let (records, _) = track(&listen(&vessels, DURATION_S, &mut rng, FALSE_BEARING), COURSE_SD_DEG);
             bar.inc(1);
             (seed, verdict(&vessels, &records))
         })
@@ -241,12 +243,12 @@ impl Turn {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let (vessel, bearings) = turning(&mut rng);
         let start_s = vessel.turn.map_or(0.0, |t| t.0);
-        let (records, _) = track(&bearings);
+        let (records, _) = track(&bearings, COURSE_SD_DEG);
         // The old track's final record comes when the new one starts: the time of the first other number.
         let first = records.first().map_or(0, |r| r.id);
         let switched = records.iter().find(|r| r.id != first).map(|r| r.index as f64 / RATE_HZ);
         let straight = TurningVessel { turn: None, ..vessel };
-        let (records, _) = track(&listen(&[straight], DURATION_S, &mut rng, 0.0));
+        let (records, _) = track(&listen(&[straight], DURATION_S, &mut rng, 0.0), COURSE_SD_DEG);
         let ids: BTreeSet<u16> = records.iter().map(|r| r.id).collect();
         let (mut told, mut right) = ([0; 2], [0; 2]);
         let heading = straight.cpa_azimuth + straight.sense * std::f64::consts::FRAC_PI_2;
@@ -280,7 +282,7 @@ fn picture(options: &Options) -> Result<()> {
     let mut rng = ChaCha8Rng::seed_from_u64(seeds(options, 1, 1)[0]);
     let four = traffic_of_four(&mut rng);
     let bearings = listen(&four, DURATION_S, &mut rng, FALSE_BEARING);
-    let (_, on) = track(&bearings);
+    let (_, on) = track(&bearings, COURSE_SD_DEG);
     let mut csv = CsvText::new("t_s,azimuth_deg,track,truth0_deg,truth1_deg,truth2_deg,truth3_deg");
     for ((t_s, azimuth), id) in bearings.iter().zip(&on) {
         let id = id.map_or(String::new(), |i| i.to_string());
@@ -290,7 +292,7 @@ fn picture(options: &Options) -> Result<()> {
     crate::atomic::write(&options.out.join("several_vessels.csv"), csv.finish().as_bytes())?;
     let mut rng = ChaCha8Rng::seed_from_u64(seeds(options, 1, 2)[0]);
     let (turning, turned) = turning(&mut rng);
-    let (_, turned_on) = track(&turned);
+    let (_, turned_on) = track(&turned, COURSE_SD_DEG);
     let first = figure("Four vessels, two crossings", &four, &bearings, &on);
     let second = figure("One vessel turning by 40°", &[turning], &turned, &turned_on);
     write_panels(&options.out.join("several_vessels.svg"), &[&first, &second], 1)

@@ -89,10 +89,24 @@ pub fn solution(
     n: u32,
     measurements: f64,
 ) -> Option<Solution> {
-    let covariance = normal.covariance(free, &floor(limits, line.speed_m_s()))?;
+    let covariance = covariance(line, normal, free, limits)?;
+    from_covariance(line, &covariance, limits, n, consistency(normal, free, measurements))
+}
+
+/// Covariance of a converged fit's parameters, its limits known; `None` if its matrix has no inverse.
+pub fn covariance(
+    line: &Line,
+    normal: &Normal,
+    free: &[bool; PARAMETERS],
+    limits: &Limits,
+) -> Option<Matrix> {
+    normal.covariance(free, &floor(limits, line.speed_m_s()))
+}
+
+/// Weighted squared residual of a converged fit per degree of freedom.
+pub fn consistency(normal: &Normal, free: &[bool; PARAMETERS], measurements: f64) -> f64 {
     let unknowns = free.iter().filter(|f| **f).count() as f64;
-    let consistency = normal.cost() / (measurements - unknowns).max(1.0);
-    from_covariance(line, &covariance, limits, n, consistency)
+    normal.cost() / (measurements - unknowns).max(1.0)
 }
 
 /// Builds the solution from a line and any covariance of its parameters (the sandwich one, for a wrong error model).

@@ -7,8 +7,7 @@ use super::{Config, MeasuredSpeed, Passage};
 use crate::math::f64 as m;
 use crate::motion::Solution;
 use crate::motion::model::{LN_SPEED, Limits};
-use crate::motion::solution::from_covariance;
-use crate::passage::solution;
+use crate::motion::solution::{from_covariance, solution};
 
 /// Standard deviations that a contradiction takes: once in 15 000 passages by chance, where what is stated holds.
 const DOUBT_SD: f64 = 4.0;

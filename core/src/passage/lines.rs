@@ -14,7 +14,7 @@ use crate::motion::chain::{Chain, Colour};
 use crate::motion::hypotheses::{add_priors, same};
 use crate::motion::model::{Limits, Line, PARAMETERS};
 use crate::motion::normal::{COLUMNS, Normal, Point, minimise};
-use crate::motion::solution::floor;
+use crate::motion::solution::covariance;
 use crate::motion::start::{STARTS, emitted, starts};
 
 /// Lines kept at once: both passing sides and one more arc.
@@ -194,7 +194,7 @@ impl Lines {
 /// A line with the covariance its averages give it.
 #[inline(never)]
 fn known(problem: &Problem<'_>, line: Line) -> Option<Known> {
-    let floor = floor(&problem.limits, line.speed_m_s());
-    let covariance = problem.evaluate(&line)?.covariance(&problem.config.free(), &floor)?;
+    let normal = problem.evaluate(&line)?;
+    let covariance = covariance(&line, &normal, &problem.config.free(), &problem.limits)?;
     Some(Known::new(line, &covariance))
 }

@@ -37,8 +37,9 @@ mod two_lines;
 
 use crate::angle::wrap_pi;
 use crate::math::f64 as m;
-use crate::motion::model::{Limits, PARAMETERS};
-use crate::motion::solution::{Solution, from_covariance, solution};
+use crate::motion::model::{Limits, Line, PARAMETERS};
+use crate::motion::normal::Matrix;
+use crate::motion::solution::{Solution, consistency, covariance, from_covariance};
 pub(crate) use known::{Known, Prediction};
 use lines::{Lines, Link, Problem};
 pub use node::Mean;
@@ -269,27 +270,30 @@ impl<const N: usize> Passage<N> {
         let near = problem.limits.range_m.0.min(limits.range_m.0);
         problem.limits = Limits { range_m: (near, limits.range_m.1), ..limits };
         let (line, normal) = problem.within_limits(&self.best()?.line)?;
-        let known = solution(&line, &normal, &config.free(), &limits, self.seen, problem.measurements())?;
-        let mut covariance = self.with_profile(&known.covariance);
+        let own = covariance(&line, &normal, &config.free(), &limits)?;
+        let doubted = self.doubted_beyond(config, &line, &own, self.with_profile(&own));
+        let consistency = consistency(&normal, &config.free(), problem.measurements());
+        from_covariance(&line, &doubted, &limits, self.seen, consistency)
+    }
+
+    /// The covariance to state of a line, of its `own` one and the `wider` one of its profiled heading: with what the bearings do not tell.
+    fn doubted_beyond(&self, config: &Config, line: &Line, own: &Matrix, mut wider: Matrix) -> Matrix {
+        wider[3][3] += config.scale_variance(own[3][3]);
         let misfit = config.misfit(line.p[4]).max(1.0 + f64::from(self.misfit));
-        let scale = config.scale_variance(known.covariance[3][3]);
-        if config.lasting_sd_rad <= 0.0 && scale <= 0.0 && misfit <= 1.0 && self.heading_sd <= 0.0 {
-            return Some(known);
-        }
-        covariance[3][3] += scale;
-        covariance.iter_mut().flatten().for_each(|c| *c *= misfit);
+        wider.iter_mut().flatten().for_each(|c| *c *= misfit);
         // An error of all azimuths turns the track; one that changes with the azimuth, as positions' do, stretches it as well.
         for k in [0, 2] {
-            covariance[k][k] += config.lasting_sd_rad * config.lasting_sd_rad;
+            wider[k][k] += config.turned();
         }
-        from_covariance(&line, &covariance, &limits, self.seen, known.consistency)
+        wider
     }
 
     /// What a line found before says of the times this passage remembers.
     pub(crate) fn solution_by(&self, config: &Config, known: &Known) -> Option<Solution> {
         let limits = config.limits(self.times_s());
         let line = known.line.moved(&[0.0; PARAMETERS], &limits);
-        from_covariance(&line, &known.covariance(), &limits, self.seen, 1.0)
+        let own = known.covariance();
+        from_covariance(&line, &self.doubted_beyond(config, &line, &own, own), &limits, self.seen, 1.0)
     }
 
     /// A measurement that a young passage's lines do not explain, though it lies where the vessel was: they may have run

@@ -70,6 +70,8 @@ pub struct Config {
     pub tails: Option<Student>,
     /// Standard deviation of an error that all azimuths of a passage share, radians: positions of the hydrophones.
     pub lasting_sd_rad: f64,
+    /// Standard deviation of what a vessel's way adds to that, radians: a way that is not quite straight. No bearing states it.
+    pub course_sd_rad: f64,
 }
 
 impl Default for Config {
@@ -92,6 +94,7 @@ impl Config {
             elevation_bias_sd_rad: 0.0,
             tails: None,
             lasting_sd_rad: 0.0,
+            course_sd_rad: t.course_sd_deg * crate::angle::RAD_PER_DEG,
         }
     }
 
@@ -153,6 +156,11 @@ impl Config {
         let weight = tails.weight(r);
         let doubted = white + variance * (1.0 / weight - 1.0);
         (doubted.max(0.5 * white), 2.0 * tails.loss(r) - weight * r * r)
+    }
+
+    /// Variance by which a line is turned and stretched beyond what its bearings say, rad².
+    pub(crate) fn turned(&self) -> f64 {
+        self.lasting_sd_rad * self.lasting_sd_rad + self.course_sd_rad * self.course_sd_rad
     }
 
     /// What a solution's variances are multiplied by where all elevations seem to be off by this, radians: more than twice the deviation that is

@@ -252,6 +252,7 @@ fn passages(
         "lasting_azimuth_sd_deg": recorder.lasting_sd_rad.to_degrees(),
         "elevation_sd_deg": used(assumed.elevation_sd.to_degrees()),
         "elevation_bias_sd_deg": used(assumed.elevation_bias_sd.to_degrees()),
+        "course_sd_deg": recorder.course_sd_rad.to_degrees(),
         "height_m": used(recorder.medium.height_m), "height_sd_m": used(recorder.height_sd_m),
     }]);
     Ok((rows.collect(), said))

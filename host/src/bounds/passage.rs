@@ -177,11 +177,12 @@ impl Assumed {
             c[3][3] = relative * relative;
             (c, pass.line())
         };
-        // As the recorder adds them: what all azimuths share turns the track and stretches it, an error of the height scales it in the
-        // proportion in which elevations tell the speed.
-        let lasting = recorder.lasting_sd_rad * recorder.lasting_sd_rad;
-        c[0][0] += lasting;
-        c[2][2] += lasting;
+        // As the recorder adds them: what all azimuths share, and a way not quite straight, turn the track and stretch it, an error of the
+        // height scales it in the proportion in which elevations tell the speed. Azimuths alone are the papers' bound, of a straight way.
+        let ways = if elevations { recorder.course_sd_rad } else { 0.0 };
+        let turned = recorder.lasting_sd_rad * recorder.lasting_sd_rad + ways * ways;
+        c[0][0] += turned;
+        c[2][2] += turned;
         if elevations && relative > 0.0 {
             let told = (1.0 - c[3][3] / (relative * relative)).max(0.0);
             c[3][3] += (told * recorder.height_sd_m / recorder.medium.height_m).powi(2);

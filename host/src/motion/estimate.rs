@@ -152,6 +152,7 @@ pub fn one_by_one(
         elevation_bias_sd_rad: config.elevation_bias_sd_rad,
         tails: robust.then_some(STUDENT),
         lasting_sd_rad: 0.0,
+        course_sd_rad: 0.0,
         height_sd_m: 0.0,
     };
     let white_share = if assumed.extra_tau_s > 0.0 { config.white_share } else { 0.0 };

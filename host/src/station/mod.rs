@@ -249,6 +249,7 @@ impl Station {
                 speed_sd_m_s: tracking.speed_sd_m_s,
                 bearing_sd_deg: tracking.bearing_sd_deg,
                 bearing_tau_s: tracking.bearing_tau_s,
+                course_sd_deg: tracking.course_sd_deg,
                 range_m: (tracking.range_m[0], tracking.range_m[1]),
                 shaft_speed: tracking.speed_from_shaft.map(|s| SpeedCurve {
                     intercept_m_s: s.at_zero_m_s,

@@ -428,6 +428,9 @@ pub(super) struct TrackingTable {
     pub(super) bearing_sd_deg: f64,
     /// Correlation time of that error, seconds.
     pub(super) bearing_tau_s: f64,
+    /// Standard deviation of what a vessel's own way adds to the heading of its track and to the direction of its place, degrees; 0: ways are
+    /// exactly straight.
+    pub(super) course_sd_deg: f64,
     /// Nearest and farthest closest point of approach considered, metres.
     pub(super) range_m: [f64; 2],
     /// Speed of vessels here from the rate of their shafts.
@@ -457,6 +460,7 @@ impl Default for TrackingTable {
             speed_sd_m_s: d.speed_sd_m_s,
             bearing_sd_deg: d.bearing_sd_deg,
             bearing_tau_s: d.bearing_tau_s,
+            course_sd_deg: d.course_sd_deg,
             range_m: [d.range_m.0, d.range_m.1],
             speed_from_shaft: None,
         }
