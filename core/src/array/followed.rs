@@ -14,8 +14,9 @@ use crate::math::f32 as m;
 pub(super) const SECOND_APART_CELLS: f32 = 6.0;
 /// Other sources than the strongest that are followed at once.
 const OTHERS: usize = 3;
-/// Segments from one search for another source to the next.
+/// Segments from one search for another source to the next, and where one is followed: where there are two, a third is likelier.
 const SECOND_EVERY: u32 = 8;
+const FURTHER_EVERY: u32 = 4;
 /// And where one found is to be found again: in sound that the two have not in common.
 const AGAIN_AFTER: u32 = 2;
 /// Share of the newest turning in what the strongest source's is taken to be.
@@ -170,7 +171,7 @@ impl Followed {
         lasting.map(move |known| context.delays(&known.expected(segment), context.plan.curvature))
     }
 
-    /// What is next: each that is followed, then an octave or, every [`SECOND_EVERY`] segments, a search; sooner where one found is to be
+    /// What is next: each that is followed, then an octave or, every [`SECOND_EVERY`] segments, a search; sooner where another is followed and where one found is to be
     /// found again. A search costs as much as the first, and others move slowly.
     pub(super) fn turn(&mut self, segment: u32) -> Turn {
         for place in self.place..OTHERS {
@@ -180,8 +181,13 @@ impl Followed {
             }
         }
         self.place = 0;
-        let every =
-            if self.known.iter().any(|k| k.found == 1 && k.strong) { AGAIN_AFTER } else { SECOND_EVERY };
+        let every = if self.known.iter().any(|k| k.found == 1 && k.strong) {
+            AGAIN_AFTER
+        } else if self.known.iter().any(Known::lasts) {
+            FURTHER_EVERY
+        } else {
+            SECOND_EVERY
+        };
         if !self.known.iter().all(Known::lasts) && segment.wrapping_sub(self.searched) >= every {
             self.searched = segment;
             return Turn::Search;
@@ -287,6 +293,8 @@ mod tests {
         assert_eq!((others.turn(9), others.turn(10)), (Turn::Octave, Turn::Search));
         assert!(others.found(at(41.0), 10, true));
         assert_eq!((others.turn(11), others.turn(12)), (Turn::Follow(0), Turn::Octave));
+        // Where there are two, a third is soon looked for.
+        assert_eq!((others.turn(13), others.turn(14)), (Turn::Follow(0), Turn::Search));
         let expected = wavefront::angles(&others.known[0].expected(20)).0.to_degrees();
         assert!((expected - 46.0).abs() < 0.01, "{expected}");
         // A second one, and both have a turn.

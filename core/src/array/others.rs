@@ -1,5 +1,5 @@
 //! Other sources than the strongest of the whole band: in its octaves, one a segment in turn, and in the whole band once the
-//! strongest is taken out, every eighth segment. One that two searches found, not much fainter than the strongest, is followed
+//! strongest is taken out, every eighth segment, or every fourth once one is followed. One that two searches found, not much fainter than the strongest, is followed
 //! from then on, each in turn, and the searches look for further ones in what is left without them too. A search costs about as
 //! much as the first, a look at one that is followed half of that; each uses the spectra up, so that a segment has one of them.
 
@@ -24,7 +24,7 @@ pub const BEARINGS_A_STEP: u32 = 2;
 
 /// Least coherence of a source that is followed, in units of the strongest one's: what multipath of that leaves is fainter, and may move as a
 /// vessel does. A fainter source is left to the searches.
-const FOLLOWED_LEAST: f32 = 0.3;
+const FOLLOWED_LEAST: f32 = 0.2;
 /// Looks in a row without it that end it.
 const MISSED: u8 = 4;
 /// A source in an octave nearer than this to the whole band's, in the octave's resolution cells, is the same.
