@@ -25,6 +25,8 @@ pub const BEARINGS_A_STEP: u32 = 2;
 /// Least coherence of a source that is followed, in units of the strongest one's: what multipath of that leaves is fainter, and may move as a
 /// vessel does. A fainter source is left to the searches.
 const FOLLOWED_LEAST: f32 = 0.2;
+/// The same by three hydrophones, whose directions of what louder ones leave are wrong sooner.
+const FOLLOWED_LEAST_BY_THREE: f32 = 0.3;
 /// Looks in a row without it that end it.
 const MISSED: u8 = 4;
 /// A source in an octave nearer than this to the whole band's, in the octave's resolution cells, is the same.
@@ -43,6 +45,11 @@ const SECOND: u8 = 1;
 const FIRST_OCTAVE: u8 = 2;
 /// Least quality of a second source's bearing.
 const SECOND_LEAST_QUALITY: f32 = 0.5;
+
+/// Least coherence of a source that is followed, in units of the strongest one's.
+fn followed_least(context: &Context<'_>) -> f32 {
+    if context.band.used.all() { FOLLOWED_LEAST } else { FOLLOWED_LEAST_BY_THREE }
+}
 
 /// Whether a direction is below the horizon, where no vessel is.
 #[inline]
@@ -157,7 +164,7 @@ pub(super) fn search(
         memory.others.drop_doubtful();
         return;
     };
-    let strong = other.mean > FOLLOWED_LEAST * first.mean;
+    let strong = other.mean > followed_least(context) * first.mean;
     if memory.others.found(other.refined.direction, segment, strong)
         && let Some(bearing) = told(context, &other, SECOND, spectra, scratch)
     {
@@ -206,7 +213,7 @@ pub(super) fn follow(
         let again = examine(context, None, &expected, spectra, scratch)
             .filter(|found| wavefront::dot(&found.refined.direction, &expected) > near(plan))
             .filter(|found| three::is_on_its_side(context, Some(&expected), &found.refined.direction));
-        if let Some(found) = again.filter(|found| found.mean > FOLLOWED_LEAST * first.mean) {
+        if let Some(found) = again.filter(|found| found.mean > followed_least(context) * first.mean) {
             known.take(found.refined.direction, segment);
             if let Some(bearing) = told(context, &found, SECOND, spectra, scratch) {
                 sink(Message::Bearing(bearing));
