@@ -148,13 +148,10 @@ fn deg(x: f32) -> f64 {
     f64::from(x).to_degrees()
 }
 
-/// A value with its standard deviation, to the digits that mean something.
+/// A value with its standard deviation, to the digits that mean something; one that nothing is known of is unknown.
 pub fn with_sd(x: f64, sd: f64) -> String {
-    if !x.is_finite() {
+    if !x.is_finite() || !sd.is_finite() {
         return "unknown".to_owned();
-    }
-    if !sd.is_finite() {
-        return format!("{x:.1}±∞");
     }
     let decimals = if sd > 0.0 { (1.0 - sd.log10().floor()).clamp(0.0, 4.0) as usize } else { 1 };
     format!("{x:.decimals$}±{sd:.decimals$}")
@@ -173,7 +170,7 @@ mod tests {
         assert_eq!(with_sd(123.456_78, 0.031), "123.457±0.031");
         assert_eq!(with_sd(498.3, 12.2), "498±12");
         assert_eq!(with_sd(7.0, 0.0), "7.0±0.0");
-        assert_eq!(with_sd(7.0, f64::INFINITY), "7.0±∞");
+        assert_eq!(with_sd(7.0, f64::INFINITY), "unknown");
         assert_eq!(with_sd(f64::NAN, 1.0), "unknown");
     }
 }
