@@ -149,6 +149,26 @@ fn a_second_vessel_in_one_array_is_set_aside_and_of_two_arrays_the_contradiction
 }
 
 #[test]
+fn a_late_clock_is_said_with_the_station_against_whose_it_is_late() {
+    let dir = tempfile::tempdir().unwrap();
+    let (stations, bearings) = write(dir.path(), 0.0, |_| 0.0);
+    let text = std::fs::read_to_string(&bearings).unwrap();
+    let late = |line: &str| {
+        let (t_s, rest) = line.split_once(',').unwrap();
+        format!("{},{rest}", t_s.parse::<f64>().unwrap() + 8.0)
+    };
+    let rows: Vec<String> =
+        text.lines().map(|l| if l.contains(",s2,") { late(l) } else { l.to_owned() }).collect();
+    std::fs::write(&bearings, rows.join("\n")).unwrap();
+    let (s, b) = (stations.to_str().unwrap(), bearings.to_str().unwrap());
+    let out = seabearing(&["locate", "--stations", s, "--depth-m", "5", b, "--json"]);
+    let said = String::from_utf8(out.stderr).unwrap();
+    let late = said.split("the clock of `s2` is ").nth(1).expect(&said);
+    let late_s: f64 = late.split(' ').next().unwrap().parse().unwrap();
+    assert!((late_s - 8.0).abs() < 1.0 && late.contains("late against that of `s1`"), "{said}");
+}
+
+#[test]
 fn priors_of_orientation_and_clock_stand_in_the_network_file() {
     let dir = tempfile::tempdir().unwrap();
     let (stations, bearings) = write(dir.path(), 0.0, |id| if id == 2 { 4.0 } else { 0.0 });

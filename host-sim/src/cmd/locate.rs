@@ -337,7 +337,12 @@ fn warn_of_lasting(network: &Network, found: &Positions) {
             log::warn!("the azimuths of `{name}` are {off:.2}° ± {sd:.2}° too large, {end}");
         }
         if of.beyond.1 {
-            log::warn!("the clock of `{name}` is {:.2} s ± {:.2} s late, {end}", late_s.0, late_s.1);
+            let of = found.clock_of.and_then(|k| network.stations.get(k)).map_or("the others", |of| &of.name);
+            log::warn!(
+                "the clock of `{name}` is {:.2} s ± {:.2} s late against that of `{of}`, {end}",
+                late_s.0,
+                late_s.1
+            );
         }
     }
     if let Some(contradicted) = &found.contradicted

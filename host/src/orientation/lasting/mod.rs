@@ -80,6 +80,8 @@ pub struct Positions {
     pub checked: bool,
     /// Of each station, where the stations contradict each other.
     pub contradicted: Option<[Lasting; MAX_ARRAYS]>,
+    /// The station against whose clock the others' are told.
+    pub clock_of: Option<usize>,
     /// Errors that nobody told of, within what is usual, that are sure to be there (the others are not `beyond`): no position agrees with the
     /// arrays as they were told. They are in the positions' errors.
     pub untold: [Lasting; MAX_ARRAYS],
@@ -124,6 +126,7 @@ pub fn positions(
         best = best.against_the_right_clock(&heard, &grown, |found, k| found.told(shared)[k].beyond.1);
     }
     let mut untold = [Lasting::NONE; MAX_ARRAYS];
+    let mut clock_of = best.clock_of;
     if !contradict && checked && said != shared {
         let wide = wider(shared, said, (excess / told).sqrt().max(1.0));
         let shows = |found: &Fitted, k: usize| found.stands_out(MAX_ARRAYS + k) > SHOWN;
@@ -132,7 +135,7 @@ pub fn positions(
         best = Fitted::of(&heard, &best.settings, said, None);
         // One station's orientation and another's clock stand for each other: of all that nobody told of what was found counts, or of none.
         if found.shows_untold(said) {
-            untold = found.untold(said);
+            (untold, clock_of) = (found.untold(said), found.clock_of);
             best.count(&found, said);
         }
     }
@@ -145,7 +148,7 @@ pub fn positions(
     let agree = contradicted.is_none() && scatter.is_none() && as_told;
     let fixes = best.stated(scatter.unwrap_or(1.0), agree);
     let sets = heard.sets.to_vec();
-    Positions { sets, fixes, checked, contradicted, untold, scatter, left_out, aside }
+    Positions { sets, fixes, checked, contradicted, clock_of, untold, scatter, left_out, aside }
 }
 
 /// The same deviations, those that nobody told of as many times as wide.
@@ -186,6 +189,8 @@ struct Fitted {
     fixes: Vec<Result<Fix, NetworkError>>,
     velocities: Vec<Velocity>,
     prior: [f64; N],
+    /// The station against whose clock the others' are told.
+    clock_of: Option<usize>,
     state: [f64; N],
     covariance: Square<N>,
     misfit: f64,
@@ -220,7 +225,8 @@ impl Fitted {
             (prior[k], prior[MAX_ARRAYS + k]) = (of.azimuth, of.clock_s);
         }
         let first = heard.sets.iter().flat_map(|set| &set.stations).min().copied();
-        if let Some(station) = clock_of.or(first) {
+        let clock_of = clock_of.or(first);
+        if let Some(station) = clock_of {
             prior[MAX_ARRAYS + station] = 0.0;
         }
         let mut new = Self {
@@ -229,6 +235,7 @@ impl Fitted {
             fixes: heard.located(heard.sets, settings),
             velocities: Vec::new(),
             prior,
+            clock_of,
             state: [0.0; N],
             covariance: identity(),
             misfit: 0.0,
