@@ -21,6 +21,8 @@ fn config(sd_rad: f64, tau_s: f64) -> Config {
         extra_sd_rad: sd_rad,
         extra_tau_s: tau_s,
         medium: Medium::of_sound_speed(1484.0),
+        // As the batch fit: a way is exactly straight.
+        course_sd_rad: 0.0,
         ..Config::default()
     }
 }
