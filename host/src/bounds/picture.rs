@@ -125,7 +125,7 @@ pub fn passages(pass: &StraightPass, curves: &[Curve], positions: &[(f64, f64)],
             figure.line(name, &points.iter().map(|p| (p.0, of(p))).collect::<Vec<_>>());
         }
         figure.caption(
-            "Standard deviation to expect at the end of a straight passage, from the bound of the station file's [tracking], against the range of its closest point.",
+            "Standard deviation to expect at the end of a straight passage against the range of its closest point, from the bound of the station file's [tracking]. As the recorder: with course_sd_deg for a way that is not quite straight.",
         );
         figure
     };
