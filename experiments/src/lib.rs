@@ -63,6 +63,7 @@ mod obs_orient;
 mod obs_pictures;
 mod obs_pulse;
 mod obs_real;
+mod obs_spectra;
 mod obs_speeds;
 mod obs_table1;
 mod obs_turns;
@@ -200,6 +201,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_noisy::NOISY,
     obs_gains::GAINS,
     obs_onsets::ONSETS,
+    obs_spectra::SPECTRA,
     obs_speeds::SPEEDS,
     obs_turns::TURNS,
     obs_real::REAL,

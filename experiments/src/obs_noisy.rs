@@ -33,13 +33,31 @@ const NOISE: [(f64, f64); 6] = [(0.0, 0.0), (3.0, 0.0), (7.0, 0.0), (10.0, 0.0),
 /// Levels of the vessels against the table's, dB.
 const VESSEL_DB: [f64; 2] = [0.0, -5.0];
 
-/// What was told of the vessels of one row.
-struct Row {
-    azimuth: Stated,
-    range: Stated,
-    numbers: Numbers,
-    tracked: usize,
-    finals: usize,
+/// What was told of single vessels.
+#[derive(Default)]
+pub(super) struct Row {
+    pub(super) azimuth: Stated,
+    pub(super) range: Stated,
+    pub(super) numbers: Numbers,
+    /// Vessels with a final track of their own, and final tracks.
+    pub(super) tracked: usize,
+    pub(super) finals: usize,
+}
+
+impl Row {
+    /// Takes what was told of a record with one vessel.
+    pub(super) fn take(&mut self, case: &Case) {
+        let (azimuth, range) = minutes(case);
+        self.azimuth = Stated::sum(&[self.azimuth, Stated::sum(&azimuth)]);
+        self.range = Stated::sum(&[self.range, Stated::sum(&range)]);
+        let finals: Vec<Track> = tracks(case).filter(|t| t.stage == Track::FINAL).collect();
+        self.finals += finals.len();
+        let own = finals.iter().rfind(|t| whose(t, &case.vessels) == Some(0));
+        if let Some((t, e)) = own.and_then(|t| Some((t, track_passed(t, &case.vessels[0].course)?))) {
+            self.tracked += 1;
+            self.numbers.take(t, &e);
+        }
+    }
 }
 
 fn hear(
@@ -48,13 +66,7 @@ fn hear(
     (along_db, axis_deg): (f64, f64),
     vessel_db: f64,
 ) -> Result<Row> {
-    let mut row = Row {
-        azimuth: Stated::default(),
-        range: Stated::default(),
-        numbers: Numbers::default(),
-        tracked: 0,
-        finals: 0,
-    };
+    let mut row = Row::default();
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let mut ship = super::obs_one_ship::ship(seed);
         ship.radiation.wideband_db += vessel_db;
@@ -66,16 +78,7 @@ fn hear(
             scenario.ambient.shaking.push(ShakingTable { axis_deg, level_db: more_db });
         }
         let case = Case::run(scenario, table, Vec::new(), false)?;
-        let (azimuth, range) = minutes(&case);
-        row.azimuth = Stated::sum(&[row.azimuth, Stated::sum(&azimuth)]);
-        row.range = Stated::sum(&[row.range, Stated::sum(&range)]);
-        let finals: Vec<Track> = tracks(&case).filter(|t| t.stage == Track::FINAL).collect();
-        row.finals += finals.len();
-        let own = finals.iter().rfind(|t| whose(t, &case.vessels) == Some(0));
-        if let Some((t, e)) = own.and_then(|t| Some((t, track_passed(t, &case.vessels[0].course)?))) {
-            row.tracked += 1;
-            row.numbers.take(t, &e);
-        }
+        row.take(&case);
     }
     Ok(row)
 }

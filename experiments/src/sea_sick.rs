@@ -57,13 +57,15 @@ enum Sickness {
     /// Each channel holds the hydrophone so many slots on.
     Slipped(usize),
     Leaking(f64),
+    /// Two that hear each other.
+    Crosstalk(f64),
     Common,
     /// So many samples late.
     LateBy(usize),
     Well,
 }
 
-const ALL: [(Sickness, &str); 12] = [
+const ALL: [(Sickness, &str); 14] = [
     (Sickness::Silent, "silent"),
     (Sickness::Copied, "copy of another"),
     (Sickness::OwnNoise, "its own noise alone"),
@@ -73,6 +75,8 @@ const ALL: [(Sickness, &str); 12] = [
     (Sickness::Exchanged, "exchanged with another"),
     (Sickness::Leaking(0.3), "leaking at -10 dB"),
     (Sickness::Leaking(0.1), "leaking at -20 dB"),
+    (Sickness::Crosstalk(0.3), "leaking both ways at -10 dB"),
+    (Sickness::Crosstalk(0.1), "leaking both ways at -20 dB"),
     (Sickness::Common, "noise common to all"),
     (Sickness::Slipped(1), "all slipped by a slot"),
     (Sickness::Slipped(2), "all slipped by two slots"),
@@ -127,6 +131,12 @@ impl Sickness {
                 Self::Exchanged => frame.swap(channel, other),
                 Self::Slipped(slots) => frame.rotate_left(slots),
                 Self::Leaking(gain) => frame[channel] += (gain * f64::from(frame[other])) as i32,
+                Self::Crosstalk(gain) => {
+                    let of = |x: i32| (gain * f64::from(x)) as i32;
+                    let (to, back) = (of(frame[other]), of(heard));
+                    frame[channel] += to;
+                    frame[other] += back;
+                }
                 Self::Common => {
                     let x = noise(1.0);
                     frame.iter_mut().for_each(|c| *c += x);
@@ -150,6 +160,9 @@ impl Sickness {
                 matches!(code, F::Inconsistent)
             }
             Self::Leaking(_) => own && matches!(code, F::Leaking),
+            Self::Crosstalk(_) => {
+                (own || value == ((channel + 1) % CHANNELS) as i64) && matches!(code, F::Leaking)
+            }
         }
     }
 }

@@ -154,8 +154,22 @@ fn a_speed_that_the_elevations_contradict_is_said_to_be_contradicted() {
             "{said}"
         );
     }
+    // Known with a deviation, and elevations that may all be off: the fit lies between the two speeds, and neither is contradicted by misfit.
+    for (speed, sd) in [("9", "0.2"), ("8", "0.1")] {
+        let options = ["--speed", speed, "--speed-sd", sd, "--elevation-bias-deg", "0.5", "--json"];
+        let out =
+            seabearing(&[&["track", file.to_str().unwrap(), "--height-m", "160"], &options[..]].concat());
+        let said = String::from_utf8_lossy(&out.stderr);
+        assert!(said.contains(&format!("contradict a speed of {speed} m/s")), "{said}");
+        assert!(String::from_utf8_lossy(&out.stdout).contains("\"consistent\":false"), "{speed}");
+    }
     // As told, or not told.
-    for options in [&["--speed", "7"][..], &["--speed", "4", "--speed-sd", "inf"], &[]] {
+    for options in [
+        &["--speed", "7"][..],
+        &["--speed", "4", "--speed-sd", "inf"],
+        &["--speed", "7.2", "--speed-sd", "0.2", "--elevation-bias-deg", "0.5"],
+        &[],
+    ] {
         let said = said(options);
         assert!(!said.contains("contradict a speed"), "{options:?}: {said}");
     }

@@ -188,7 +188,7 @@ pub(crate) fn segment(
     let deviation = context.deviation(context.bins());
     let sign = sick::heard(&memory.sick, spectra.added.dead, &peaks, deviation);
     if let Sign::Sick(..) | Sign::Divided = sign {
-        memory.sick.take(plan, sign, None, false, context.index, sink);
+        memory.sick.take(plan, sign, None, leak::Seen::NONE, context.index, sink);
         // While it is not yet sure, or another of those that are left is sick as well, nothing can be said of directions.
         match sick::heard(&memory.sick, spectra.added.dead, &peaks, deviation) {
             Sign::Sick(_, h) if memory.sick.out() >> h & 1 == 1 => {}
@@ -236,7 +236,7 @@ pub(crate) fn segment(
     if doubtful {
         let is = turned.is(&mut scratch.search, memory.sick.tried());
         let sign = memory.sick.turned(is);
-        memory.sick.take(plan, sign, None, false, context.index, sink);
+        memory.sick.take(plan, sign, None, leak::Seen::NONE, context.index, sink);
         // Pairs that heard one direction do not hear what is left of it, but where a channel that is known to be late makes that, with its
         // error; nor is one told that is elsewhere than the source was.
         let changed = memory.was_explained(&context) && doubt.is_none_or(|doubt| doubt.quality == 1.0);
@@ -254,8 +254,9 @@ pub(crate) fn segment(
         return;
     }
     let Some(mut doubt) = doubt else { return };
+    let mut leaks = false;
     if sign == Sign::Well && !doubtful {
-        let (sign, alone) = match &first {
+        let (sign, seen) = match &first {
             Some(first) if used.all() => {
                 memory.explained = context.index;
                 let (search, coherence) = (&scratch.search, &scratch.spectrum.raw);
@@ -273,20 +274,21 @@ pub(crate) fn segment(
                     echo: memory.echo.amplitude(),
                 };
                 let said = beyond.sign();
-                if said.0 == Sign::Well {
-                    if beyond.hides_of(memory.sick.suspected()) {
-                        let leaked = leak::LEAKED_SAMPLES / plan.rate_hz;
-                        doubt.unexplained_s2 += CHANNELS as f32 * leaked * leaked;
-                    } else {
-                        memory.sick.deny();
-                    }
+                let hidden = beyond.hides_of(memory.sick.suspected());
+                if said.0 == Sign::Well && !hidden {
+                    memory.sick.deny();
                 }
+                leaks = said.1.other.is_some() || said.0 == Sign::Well && hidden;
                 said
             }
-            _ => (sign, false),
+            _ => (sign, leak::Seen::NONE),
         };
         let vessel = first.as_ref().map(|f| &f.refined.direction);
-        memory.sick.take(plan, sign, vessel, alone, context.index, sink);
+        memory.sick.take(plan, sign, vessel, seen, context.index, sink);
+    }
+    if leaks || memory.sick.is_tainted() {
+        let leaked = leak::LEAKED_SAMPLES / plan.rate_hz;
+        doubt.unexplained_s2 += CHANNELS as f32 * leaked * leaked;
     }
     if let Some(first) = &first {
         let uneven = spectra.added.loudness.unevenness(spectra.added.frames) > MOST_UNEVEN_MOMENT;
@@ -315,6 +317,8 @@ pub(crate) fn segment(
     match memory.others.turn(memory.segments) {
         // With two delays to go by, a period more or less of an octave has a direction as well.
         Turn::Octave if !used.all() => {}
+        // What leaks into one of the three stands beside the vessel, and is nobody.
+        Turn::Search | Turn::Follow(_) if memory.sick.is_tainted() => {}
         Turn::Octave => others::octave(&context, memory, Some(&first), spectra, scratch, sink),
         Turn::Search => others::search(&context, memory, &first, spectra, scratch, sink),
         Turn::Follow(place) => others::follow(&context, memory, place, &first, spectra, scratch, sink),

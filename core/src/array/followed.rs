@@ -10,8 +10,13 @@ use super::plan::Plan;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::math::f32 as m;
 
-/// A second source nearer than this to the first, in resolution cells, is what is left of the first.
+/// A second source nearer than this to the first, in resolution cells, is what is left of the first; and beside it, both far off: what is left of a
+/// vessel, and its echoes, stand above and below it.
 pub(super) const SECOND_APART_CELLS: f32 = 6.0;
+const BESIDE_CELLS: f32 = 3.0;
+/// Sine of the elevation below which a vessel is far off, and the most that one beside it is higher or lower, in units of what they are apart in azimuth.
+const FAR_OFF: f32 = 0.5;
+const LEVEL: f32 = 0.5;
 /// Other sources than the strongest that are followed at once.
 const OTHERS: usize = 3;
 /// Segments from one search for another source to the next, and where one is followed: where there are two, a third is likelier.
@@ -86,7 +91,7 @@ impl Known {
     /// Whether it is expected in this direction.
     #[inline(never)]
     pub(super) fn is_at(&self, plan: &Plan, direction: &Direction, segment: u32) -> bool {
-        self.found > 0 && wavefront::dot(&self.expected(segment), direction) > near(plan)
+        self.found > 0 && is_near(plan, &self.expected(segment), direction)
     }
 
     /// Takes where it was found.
@@ -199,7 +204,7 @@ impl Followed {
     #[inline(never)]
     pub(super) fn strongest(&mut self, plan: &Plan, direction: Direction, segment: u32) -> bool {
         let before = core::mem::replace(&mut self.strongest, direction);
-        let other = wavefront::dot(&before, &direction) <= near(plan) && before != [0.0; 3];
+        let other = before != [0.0; 3] && !is_near(plan, &before, &direction);
         if !other && before != [0.0; 3] {
             self.turning += TURNED * (turned(&before, &direction) - self.turning);
         }
@@ -261,10 +266,16 @@ fn turned([x0, y0, _]: &Direction, [x, y, _]: &Direction) -> f32 {
     m::atan2(x * y0 - y * x0, x * x0 + y * y0)
 }
 
-/// Cosine of the angle within which another source is what is left of the first.
+/// Whether two directions are one source's, or one of them is what is left of the other.
 #[inline(never)]
-pub(super) fn near(plan: &Plan) -> f32 {
-    m::cos(SECOND_APART_CELLS * plan.whole.resolution)
+pub(super) fn is_near(plan: &Plan, a: &Direction, b: &Direction) -> bool {
+    let cell = plan.whole.resolution;
+    let least = BESIDE_CELLS * cell;
+    let [east, north, up] = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    let across = east * east + north * north;
+    let far_off = a[2] < FAR_OFF && b[2] < FAR_OFF;
+    let beside = far_off && across > least * least && up * up < LEVEL * LEVEL * across;
+    !beside && wavefront::dot(a, b) > m::cos(SECOND_APART_CELLS * cell)
 }
 
 #[cfg(test)]
@@ -323,6 +334,27 @@ mod tests {
         // Its own direction is no other source's.
         assert!(!others.strongest(&plan, at(40.1), 12));
         assert!(!others.known.iter().any(|k| k.is_at(&plan, &at(40.1), 12)));
+    }
+
+    #[test]
+    fn one_beside_another_is_another_and_one_above_it_is_its_echo() {
+        let plan = plan();
+        let cell = plan.whole.resolution.to_degrees();
+        let of = |azimuth_deg: f32, elevation_deg: f32| {
+            unit_vector(azimuth_deg.to_radians(), elevation_deg.to_radians())
+        };
+        let vessel = of(40.0, 12.0);
+        for (azimuth, elevation, near) in [
+            (40.0 + 2.0 * cell, 12.0, true),
+            (40.0 + 4.0 * cell, 12.0, false),
+            (40.0, 12.0 + 4.0 * cell, true),
+            (40.0 + 3.2 * cell, 12.0 + 3.0 * cell, true),
+            (40.0, 12.0 + 7.0 * cell, false),
+        ] {
+            assert_eq!(is_near(&plan, &vessel, &of(azimuth, elevation)), near, "{azimuth}° {elevation}°");
+        }
+        // High up, both may be one vessel's that passes.
+        assert!(is_near(&plan, &of(40.0, 40.0), &of(40.0 + 5.0 * cell, 40.0)));
     }
 
     #[test]

@@ -23,12 +23,14 @@ use microfft::Complex32;
 const MEAN_BINS: usize = 24;
 /// Delays used, samples: shorter ones are the source's own spectrum, longer ones are lost between bins.
 const DELAYS: (usize, usize) = (8, 220);
-/// Depths considered, metres.
-const DEPTHS_M: (f32, f32) = (0.7, 14.0);
+/// Depths considered, metres: a boat's propeller to that of a laden tanker.
+const DEPTHS_M: (f32, f32) = (0.7, 24.0);
 /// Bins whose mean coherence says whether a source is heard there.
 const EDGE: usize = 8;
 /// Least depth of the fringes over their mean, full fringes being 1.
 const LEAST: f32 = 0.25;
+/// And in units of what the two paths' coherence makes them, of which chance takes a part: those of three or four paths are fainter.
+const CONTRAST: f32 = 0.85;
 /// Greatest share of it that any other delay may have, of either sign (echoes off the bottom, another vessel), and how far from the first in main lobes it begins.
 const NEXT: f32 = 0.3;
 const LOBE: usize = 2;
@@ -325,7 +327,7 @@ pub(super) fn depth_m(
     let (height, n) = best;
     let (before, after) = (at(n.saturating_sub(1)), at(n + 1));
     // Frames hold a part of either path's sound without the other's.
-    let contrast = coherence * refine::share(plan, n as f32 / plan.rate_hz);
+    let contrast = CONTRAST * coherence * refine::share(plan, n as f32 / plan.rate_hz);
     if height < LEAST.max(contrast) || before > height || after > height {
         return None;
     }

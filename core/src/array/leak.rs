@@ -54,11 +54,27 @@ pub(crate) struct Beyond<'a> {
     pub(super) echo: f32,
 }
 
+/// What is known of a leak beside the hydrophone that receives.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Seen {
+    /// Nothing that the other pairs hear explains it.
+    pub(crate) alone: bool,
+    /// The hydrophone that it hears, where that hears it as well.
+    pub(crate) other: Option<usize>,
+}
+
+impl Seen {
+    /// No leak.
+    pub(crate) const NONE: Self = Self { alone: false, other: None };
+}
+
 impl Beyond<'_> {
-    /// Whether one hydrophone hears another, and whether nothing that the other pairs hear explains that.
-    pub(crate) fn sign(&self) -> (Sign, bool) {
+    /// Whether one hydrophone hears another, and what else is known of that.
+    pub(crate) fn sign(&self) -> (Sign, Seen) {
         let leak = (0..PAIR_COUNT).find_map(|p| self.receiver(p));
-        leak.map_or((Sign::Well, false), |(h, leak)| (Sign::Sick(LEAKING, h), self.alone(h, leak)))
+        leak.map_or((Sign::Well, Seen::NONE), |(h, leak, other)| {
+            (Sign::Sick(LEAKING, h), Seen { alone: self.alone(h, leak), other })
+        })
     }
 
     /// Whether the pairs that hydrophone `h` is not in hear nothing beside the vessel that comes near to this correlation; false where they lie level, for
@@ -102,8 +118,8 @@ impl Beyond<'_> {
         m::abs(tau) * self.context.plan.rate_hz < APART_SAMPLES
     }
 
-    /// The hydrophone of pair `p` that hears the other one, if there is one, and how much of it.
-    fn receiver(&self, p: usize) -> Option<(usize, f32)> {
+    /// The hydrophone of pair `p` that hears the other one, if there is one, how much of it, and that other one where both hear each other.
+    fn receiver(&self, p: usize) -> Option<(usize, f32, Option<usize>)> {
         let (a, b) = *PAIRS.get(p)?;
         let Band { high, incoherent, .. } = self.context.plan.whole;
         let least = LEAST_LEAK.max(self.echo) * high.saturating_sub(incoherent) as f32;
@@ -132,10 +148,14 @@ impl Beyond<'_> {
                 sum += excess;
                 take(q, delay, excess);
             }
-            (sum > 2.0 * least && mirrored < MIRRORED * both).then_some((to, leak))
+            (mirrored < MIRRORED * both).then_some(sum)
         };
-        let leaks = received(a, b).or_else(|| received(b, a));
-        leaks.filter(|(h, leak)| !self.another(p, *h, *leak))
+        let of = |to: usize, from: usize| received(to, from).unwrap_or(0.0);
+        let (to_a, to_b) = (of(a, b), of(b, a));
+        let (h, other, more, less) = if to_b > to_a { (b, a, to_b, to_a) } else { (a, b, to_a, to_b) };
+        // Of two that hear each other the one that hears more is left out. At no delay they have what both hear.
+        let other = (less > least).then_some(other);
+        (more > 2.0 * least && !self.another(p, h, leak)).then_some((h, leak, other))
     }
 
     /// Whether another known source stands at no delay of pair `p` and is heard by the pairs without hydrophone `h` as well, which hear nothing of what that

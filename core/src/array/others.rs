@@ -7,7 +7,7 @@ use super::agreement::Doubt;
 use super::chain::Scratch;
 use super::echo::Echo;
 use super::estimate::{Context, Found, MOST_UNEVEN, examine, find};
-use super::followed::{Known, SECOND_APART_CELLS, SECOND_MOVES_RAD, near};
+use super::followed::{Known, SECOND_APART_CELLS, SECOND_MOVES_RAD, is_near};
 use super::memory::Memory;
 use super::paths;
 use super::plan::{Band, OCTAVES};
@@ -151,7 +151,11 @@ pub(super) fn search(
     }
     let is_new = |direction: &Direction| {
         !is_below(direction)
-            && wavefront::dot(direction, &first.refined.direction) <= near(plan)
+            && !is_near(plan, direction, &first.refined.direction)
+            // By three hydrophones what is left of a vessel stands beside it as well.
+            && (context.band.used.all()
+                || wavefront::dot(direction, &first.refined.direction)
+                    <= m::cos(SECOND_APART_CELLS * plan.whole.resolution))
             && !known.iter().any(|k| k.lasts() && k.is_at(plan, direction, segment))
     };
     let other = find(context, None, spectra, scratch);
@@ -185,7 +189,7 @@ pub(super) fn beside(
     scratch.spectrum.measured = scratch.spectrum.raw.map(|c| c.max(0.0));
     refine::remove(plan, context.band, spectra, &sound.tau, &scratch.spectrum.measured);
     if let Some(found) = find(context, None, spectra, scratch)
-        && wavefront::dot(&found.refined.direction, &sound.refined.direction) <= near(plan)
+        && !is_near(plan, &found.refined.direction, &sound.refined.direction)
         && let Some(bearing) = told(context, &found, WHOLE, spectra, scratch)
     {
         sink(Message::Bearing(bearing));
@@ -208,10 +212,10 @@ pub(super) fn follow(
     let expected = known.expected(segment);
     known.missed = known.missed.saturating_add(1);
     // Two vessels in one direction: it may come out on the other side.
-    if wavefront::dot(&expected, &first.refined.direction) <= near(plan) {
+    if !is_near(plan, &expected, &first.refined.direction) {
         refine::remove(plan, context.band, spectra, &first.tau, &scratch.spectrum.measured);
         let again = examine(context, None, &expected, spectra, scratch)
-            .filter(|found| wavefront::dot(&found.refined.direction, &expected) > near(plan))
+            .filter(|found| is_near(plan, &found.refined.direction, &expected))
             .filter(|found| three::is_on_its_side(context, Some(&expected), &found.refined.direction));
         if let Some(found) = again.filter(|found| found.mean > followed_least(context) * first.mean) {
             known.take(found.refined.direction, segment);

@@ -22,7 +22,7 @@
 //! late, or exchanged with another, is not observable: their delays always fit some direction. Cost: about 2000 instructions
 //! a segment beside the search for the peaks.
 
-use super::leak;
+use super::leak::{self, Seen};
 use super::plan::{Band, Plan};
 use super::search::{PairPeaks, SearchWork};
 use super::wavefront::{self, Direction, PAIR_COUNT, Used};
@@ -95,6 +95,10 @@ pub(crate) struct Sick {
     tried: u8,
     /// Bit h: hydrophone h seemed to hear another through its channel, and nothing has denied it since.
     suspected: u8,
+    /// Segments that saw two hear each other, beyond those that saw one hear the other.
+    mutual: u8,
+    /// Bit h: hydrophone h hears one that is left out, and is listened to all the same.
+    tainted: u8,
 }
 
 impl Sick {
@@ -108,7 +112,14 @@ impl Sick {
             seen_from: None,
             tried: 0,
             suspected: 0,
+            mutual: 0,
+            tainted: 0,
         }
+    }
+
+    /// Whether a hydrophone that is listened to hears one that is left out through its channel.
+    pub(super) fn is_tainted(&self) -> bool {
+        self.tainted & !self.out != 0
     }
 
     /// Hydrophone to try the other way round.
@@ -140,14 +151,14 @@ impl Sick {
         self.out
     }
 
-    /// Takes what a segment says; `vessel` is where it is, where that is known, `alone` whether nothing else that is heard explains a leak.
+    /// Takes what a segment says; `vessel` is where it is, where that is known, `seen` what is known of a leak.
     #[inline(never)]
     pub(crate) fn take(
         &mut self,
         plan: &Plan,
         sign: Sign,
         vessel: Option<&Direction>,
-        alone: bool,
+        seen: Seen,
         index: u64,
         sink: &mut impl FnMut(Message),
     ) {
@@ -155,7 +166,9 @@ impl Sick {
             return;
         }
         if let Sign::Sick(LEAKING, _) = sign {
-            self.alone = if alone { self.alone.saturating_add(1) } else { 0 };
+            self.alone = if seen.alone { self.alone.saturating_add(1) } else { 0 };
+            let mutual = seen.other.is_some();
+            self.mutual = if mutual { (self.mutual + 1).min(NAMED) } else { self.mutual.saturating_sub(1) };
         }
         // Both are asked: the second takes note of where the vessel is.
         let moved = self.moved(plan, sign, vessel) | (self.alone >= ALONE);
@@ -169,6 +182,11 @@ impl Sick {
             for h in 0..CHANNELS {
                 if self.counted(sign, kind, h, moved) {
                     sink(Message::Fault(Fault { code, index, value: channel(h) }));
+                    // The one that it hears is no better, but three are needed.
+                    if let Some(other) = seen.other.filter(|_| kind == LEAKING && self.mutual >= SUSPECTED) {
+                        self.tainted |= 1 << other;
+                        sink(Message::Fault(Fault { code, index, value: channel(other) }));
+                    }
                 }
             }
         }

@@ -91,6 +91,26 @@ fn crosstalk_is_named_by_the_channel_that_receives_it() {
 }
 
 #[test]
+fn of_two_that_hear_each_other_both_are_named_and_the_one_listened_to_moves_no_bearing_unsaid() {
+    let plan = plan(RATE);
+    for (a, b) in [(0, 1), (1, 2), (0, 3)] {
+        let step = |n: u64| source(&plan, (AZIMUTH + 0.0525 * n as f64, ELEVATION), 3.0, None, 1, 90 * n + 7);
+        let mut sea = noisy((0..16).flat_map(step).collect(), 5 + a as u64);
+        sea[2 * RATE as usize..].iter_mut().for_each(|x| {
+            let (at_a, at_b) = (x[a], x[b]);
+            x[a] += 0.25 * at_b;
+            x[b] += 0.25 * at_a;
+        });
+        let heard = hear(&plan, &sea);
+        let mut named: Vec<_> =
+            heard.faults.iter().filter(|f| f.0 == FaultCode::Leaking).map(|f| f.1).collect();
+        named.sort_unstable();
+        assert_eq!(named, [a as i64, b as i64], "{:?}", heard.faults);
+        assert_eq!((heard.channels & 15).count_ones(), 1);
+    }
+}
+
+#[test]
 fn a_leak_is_named_of_a_vessel_that_hardly_moves() {
     let plan = plan(RATE);
     // Of the highest hydrophone it is named once the vessel has moved: the three others lie level and do not hear an echo apart.
@@ -273,10 +293,10 @@ fn of_the_two_directions_that_three_hydrophones_give_the_one_heard_before_is_tol
 
 #[test]
 fn a_leak_is_suspected_until_it_is_denied() {
-    use super::{LEAKING, SUSPECTED, Sick, Sign};
+    use super::{LEAKING, SUSPECTED, Seen, Sick, Sign};
     let plan = plan(RATE);
     let mut sick = Sick::new();
-    let take = |sick: &mut Sick, sign| sick.take(&plan, sign, None, false, 0, &mut |_| {});
+    let take = |sick: &mut Sick, sign| sick.take(&plan, sign, None, Seen::NONE, 0, &mut |_| {});
     for n in 1..=SUSPECTED {
         assert_eq!(sick.suspected(), 0);
         take(&mut sick, Sign::Sick(LEAKING, 2));

@@ -28,7 +28,7 @@ use super::radial::RadialScratch;
 use super::row::Row;
 use super::segment::Segmenter;
 use super::shared::Shared;
-use super::steady::Steady;
+use super::steady::{self, Steady};
 use super::tracks::Tracker;
 use crate::block::{Block, CHANNELS};
 use crate::health::Accounting;
@@ -470,7 +470,14 @@ impl State {
             0 => Heard::Nothing,
             _ => Heard::Vessel,
         };
-        self.steady.learns = !plan.paper && noticed == Heard::Nothing;
+        self.steady.minute(match noticed {
+            _ if plan.paper => steady::Minute::Other,
+            Heard::Vessel | Heard::Expected => steady::Minute::Vessel,
+            Heard::Other => steady::Minute::Other,
+            // One that is heard by its echoes alone.
+            Heard::Nothing if ranges.log_odds > 0.0 => steady::Minute::Vessel,
+            Heard::Nothing => steady::Minute::Silence,
+        });
         self.checks.ranges(profiles, index, &mut self.intake.faults, sink);
         let (misplaced, no_pressure) = (self.checks.are_misplaced(), self.checks.no_pressure());
         let pairs_in_doubt =

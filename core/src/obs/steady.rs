@@ -5,7 +5,10 @@
 //! noise. Distant shipping or surf on one side goes with a vessel's sound in every bin and turns its directions towards itself, by degrees
 //! where it is as loud; intensities add, so what was there before the vessel is taken out. A line that stands out of the bins about it is
 //! straightened by these and left as it is.
-//! Assumes: noise that changes slowly against 1.5 h. A vessel that is there from the first minute leaves nothing to learn from.
+//! A vessel that is heard by its wideband sound before it is noticed would be taken for such noise, and its later directions would be pushed ahead
+//! of it: what is heard counts ten to twenty minutes after it was, if nothing was noticed until then, and again ten minutes after the last notice.
+//! Assumes: noise that changes slowly against 1.5 h. A vessel that is there from the first minute leaves nothing to learn from, nor does traffic
+//! without half an hour of silence.
 
 use super::limits::AZIMUTH_BINS;
 use super::tonal::Directions;
@@ -26,6 +29,12 @@ const BEFORE: u16 = 16;
 /// Frames that a mean is of in the long run (1.5 h at 50 Hz).
 const MEMORY: u16 = 512;
 
+/// Frames of silence that are learned together (ten minutes at 50 Hz), once as many later ones are known to be of silence too.
+const TOGETHER: u16 = 60;
+
+/// Minutes after a vessel's last in which it may still be heard.
+const AFTER_MIN: u8 = 10;
+
 /// Share that a part of a frame has in [`Steady::share`]: three minutes' parts.
 const NEWEST: f32 = 1.0 / (18 * PARTS) as f32;
 
@@ -41,7 +50,33 @@ pub struct Steady {
     share: f32,
     frames: u16,
     /// No vessel and no call was heard in the last minute: its frames are those of the noise.
-    pub(super) learns: bool,
+    learns: bool,
+    /// Minutes in which a vessel that was noticed may still be heard.
+    after: u8,
+    /// What was heard and is not learned yet, the newer first.
+    waiting: [Waiting; 2],
+}
+
+/// Sums of what was heard.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    sum: [Vector; PARTS],
+    frames: u16,
+}
+
+impl Waiting {
+    const NONE: Self = Self { sum: [[0.0; 2]; PARTS], frames: 0 };
+}
+
+/// What a minute holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Minute {
+    /// A vessel is heard, or expected.
+    Vessel,
+    /// Something else that is no noise.
+    Other,
+    /// Nothing that stands out.
+    Silence,
 }
 
 fn power([x, y]: Vector) -> f32 {
@@ -51,7 +86,41 @@ fn power([x, y]: Vector) -> f32 {
 impl Steady {
     /// Nothing learned; all zeros.
     pub const fn new() -> Self {
-        Self { mean: [[0.0; 2]; PARTS], share: 0.0, frames: 0, learns: false }
+        Self {
+            mean: [[0.0; 2]; PARTS],
+            share: 0.0,
+            frames: 0,
+            learns: false,
+            after: 0,
+            waiting: [Waiting::NONE; 2],
+        }
+    }
+
+    /// Ends a minute: whether the next one's frames are kept to be learned from, and whether those kept are.
+    pub(super) fn minute(&mut self, minute: Minute) {
+        match minute {
+            Minute::Vessel => {
+                self.waiting = [Waiting::NONE; 2];
+                self.after = AFTER_MIN;
+            }
+            Minute::Other => {}
+            Minute::Silence => self.after = self.after.saturating_sub(1),
+        }
+        self.learns = minute == Minute::Silence && self.after == 0;
+        let [newer, older] = self.waiting;
+        if newer.frames >= TOGETHER {
+            self.learn(&older);
+            self.waiting = [Waiting::NONE, newer];
+        }
+    }
+
+    /// Takes what is known to be of silence into the means.
+    fn learn(&mut self, silence: &Waiting) {
+        self.frames = (self.frames + silence.frames).min(MEMORY - BEFORE);
+        let weight = 1.0 / f32::from(BEFORE + self.frames);
+        let share = f32::from(silence.frames) * weight;
+        let all = self.mean.iter_mut().flatten().zip(silence.sum.as_flattened());
+        all.for_each(|(m, sum)| *m += weight * sum - share * *m);
     }
 
     /// A frame's mean intensity about a bin.
@@ -60,15 +129,16 @@ impl Steady {
         if bin % BINS != BINS / 2 {
             return;
         }
-        let Some(mean) = self.mean.get_mut(bin / BINS) else { return };
+        let (Some(mean), [waiting, _]) = (self.mean.get(bin / BINS), &mut self.waiting) else { return };
         let (own, all) = (power(*mean), power(around));
         let part = if own < all { own / all } else { 1.0 };
         self.share += NEWEST * (if own > 0.0 { part } else { 0.0 } - self.share);
-        if self.learns {
+        if self.learns
+            && let Some(sum) = waiting.sum.get_mut(bin / BINS)
+        {
             // The first part counts the frame.
-            self.frames = (self.frames + u16::from(bin < BINS)).min(MEMORY - BEFORE);
-            let newest = 1.0 / f32::from(BEFORE + self.frames);
-            mean.iter_mut().zip(around).for_each(|(m, x)| *m += newest * (x - *m));
+            waiting.frames += u16::from(bin < BINS);
+            sum.iter_mut().zip(around).for_each(|(sum, x)| *sum += x);
         }
     }
 
@@ -123,6 +193,14 @@ mod tests {
         (0..bins.len()).for_each(|bin| steady.see(bin, mean));
     }
 
+    /// So many minutes of six frames.
+    fn minutes(steady: &mut Steady, count: u32, minute: Minute, mut frame: impl FnMut() -> Vec<Vector>) {
+        for _ in 0..count {
+            steady.minute(minute);
+            (0..6).for_each(|_| see(steady, &frame()));
+        }
+    }
+
     /// Angle from north of the mean intensity of a vessel's bins in a hundred frames, degrees.
     fn towards(steady: &Steady, seed: &mut u32) -> f32 {
         let frames = (0..100).flat_map(|_| frame(4.0, seed).into_iter().enumerate());
@@ -135,10 +213,9 @@ mod tests {
     fn noise_that_was_there_before_a_vessel_bends_its_directions_no_more() {
         let (mut steady, mut seed) = (Steady::new(), 5);
         assert!(towards(&steady, &mut seed) > 20.0);
-        steady.learns = true;
-        (0..400).for_each(|_| see(&mut steady, &frame(0.0, &mut seed)));
+        minutes(&mut steady, 150, Minute::Silence, || frame(0.0, &mut seed));
         assert!(steady.share > 0.9, "{}", steady.share);
-        steady.learns = false;
+        steady.minute(Minute::Vessel);
         (0..100).for_each(|_| see(&mut steady, &frame(4.0, &mut seed)));
         assert!(towards(&steady, &mut seed).abs() < 3.0, "{}", towards(&steady, &mut seed));
         // Of what is heard a fifth is the noise's: 2² of 2² + 4².
@@ -146,15 +223,41 @@ mod tests {
     }
 
     #[test]
+    fn a_vessel_that_comes_nearer_before_it_is_noticed_is_not_learned_nor_one_that_goes() {
+        let (mut steady, mut seed) = (Steady::new(), 11);
+        let mut heard = |steady: &mut Steady, count, minute, power| {
+            minutes(steady, count, minute, || frame(power, &mut seed));
+            steady.mean
+        };
+        heard(&mut steady, 60, Minute::Silence, 0.0);
+        assert!((180..300).contains(&steady.frames), "{}", steady.frames);
+        // Minutes in which it is heard and not noticed, an hour in which it is, and some after it: nothing of them is learned.
+        for (count, minute) in [(9, Minute::Silence), (60, Minute::Vessel), (9, Minute::Silence)] {
+            heard(&mut steady, count, minute, 4.0);
+        }
+        let after = heard(&mut steady, 18, Minute::Silence, 0.0);
+        // The noise is from the east, the vessel from the north.
+        assert!(after.iter().all(|[x, y]| (1.5..2.2).contains(x) && y.abs() < 0.05), "{after:?}");
+        let frames = steady.frames;
+        heard(&mut steady, 20, Minute::Silence, 0.0);
+        assert!(steady.frames > frames, "{}", steady.frames);
+        // A call is neither learned nor does it undo anything.
+        let before = steady.waiting;
+        heard(&mut steady, 20, Minute::Other, 9.0);
+        assert_eq!(
+            (before[0].frames, before[1].frames),
+            (steady.waiting[0].frames, steady.waiting[1].frames)
+        );
+    }
+
+    #[test]
     fn of_a_sea_without_sides_nothing_is_taken_and_nothing_stays_nothing() {
         let (mut steady, mut seed) = (Steady::new(), 8);
         assert_eq!(steady.without(3, &[1.0, 2.0]), [1.0, 2.0]);
-        steady.learns = true;
-        for _ in 0..500 {
-            let sea: Vec<Vector> =
-                (0..AZIMUTH_BINS).map(|_| [gaussian(&mut seed), gaussian(&mut seed)]).collect();
-            see(&mut steady, &sea);
-        }
+        minutes(&mut steady, 160, Minute::Silence, || {
+            (0..AZIMUTH_BINS).map(|_| [gaussian(&mut seed), gaussian(&mut seed)]).collect()
+        });
+        assert!(steady.frames > 300, "{}", steady.frames);
         assert!(steady.mean.iter().all(|m| power(*m) < 1e-4) && steady.share < 0.05, "{steady:?}");
         assert_eq!(steady.without(3, &[0.0; 2]), [0.0; 2]);
         // Of a bin that hardly has anything neither.

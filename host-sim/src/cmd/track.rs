@@ -261,10 +261,11 @@ pub fn run(args: Args) -> Result<()> {
         );
     }
     let growth = found.growth;
-    if let Some((speed_m_s, sd_m_s)) = contradicted_speed(&assumed, &samples, &found, args.robust) {
+    let contradicted = contradicted_speed(&assumed, &samples, &found, args.robust);
+    if let Some((speed_m_s, sd_m_s)) = contradicted {
         log::warn!(
             "{}: the elevations contradict a speed of {} m/s: without it (--speed-sd inf) they tell {speed_m_s:.2} ± {sd_m_s:.2} m/s; \
-             range and speed are those of the speed given, and their standard deviations do not hold",
+             range and speed are drawn to the speed given, and their standard deviations do not hold",
             args.bearings.display(),
             assumed.speed_m_s
         );
@@ -294,14 +295,15 @@ pub fn run(args: Args) -> Result<()> {
         picture::draw(&samples, &assumed.medium, &found.solution, bearings::start(&args.bearings), path)?;
     }
     if args.json {
-        println!("{}", record(&args, &assumed, &found));
+        println!("{}", record(&args, &assumed, &found, contradicted.is_none()));
     } else {
         print_for_people(&args, &assumed, &found);
     }
     Ok(())
 }
 
-/// Share of the misfit that is left where the speed is left free, below which it is the speed that the elevations contradict.
+/// Share of the misfit that is left where the speed is left free, below which it is the speed that the elevations contradict. Where there is no
+/// misfit, as of a speed with a deviation, or elevations that may all be off, it is by the two speeds alone.
 const LEFT_OF_MISFIT: f64 = 0.5;
 /// By how many standard deviations the two speeds differ then, at least.
 const SPEEDS_APART_SD: f64 = 4.0;
@@ -314,13 +316,14 @@ fn contradicted_speed(
     robust: bool,
 ) -> Option<(f64, f64)> {
     let elevations = samples.iter().any(|s| s.elevation_rad.1.is_finite());
-    if found.growth <= 1.0 || !elevations || !assumed.speed_sd_m_s.is_finite() {
+    if !elevations || !assumed.speed_sd_m_s.is_finite() {
         return None;
     }
     let free = Config { speed_sd_m_s: f64::INFINITY, ..*assumed };
     let free = batch(&free, samples, robust).ok()?;
     let (speed_m_s, sd_m_s) = (free.solution.speed_m_s, free.solution.sd_speed_m_s);
-    let explained = free.solution.consistency < LEFT_OF_MISFIT * found.solution.consistency;
+    let explained =
+        found.growth <= 1.0 || free.solution.consistency < LEFT_OF_MISFIT * found.solution.consistency;
     let apart = (speed_m_s - assumed.speed_m_s).abs();
     (explained && apart > SPEEDS_APART_SD * sd_m_s.hypot(assumed.speed_sd_m_s)).then_some((speed_m_s, sd_m_s))
 }
@@ -361,8 +364,8 @@ fn print_error_model(args: &Args, model: Model, e: &ErrorModel, n: usize) {
     }
 }
 
-/// The record; what the data do not tell is null.
-fn record(args: &Args, assumed: &Config, found: &Found) -> Value {
+/// The record, of a speed that nothing contradicts (`as_declared`) or one that the elevations do; what the data do not tell is null.
+fn record(args: &Args, assumed: &Config, found: &Found, as_declared: bool) -> Value {
     let s = &found.solution;
     let ranged = |x: f64| if s.range_observable { finite(x) } else { Value::Null };
     let mut out = Map::new();
@@ -389,7 +392,7 @@ fn record(args: &Args, assumed: &Config, found: &Found) -> Value {
     }
     put("consistency", finite(s.consistency));
     let seen = found.change.and_then(|c| c.seen);
-    put("consistent", (found.growth <= 1.0 && seen.is_none()).into());
+    put("consistent", (found.growth <= 1.0 && seen.is_none() && as_declared).into());
     put("change", seen.map(Pattern::name).into());
     put("acceleration_sd_m_s2", finite(args.acceleration_sd));
     if let Some(moved) = found.change.map(|c| Moved::of(s, &c)) {
