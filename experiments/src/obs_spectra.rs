@@ -26,8 +26,11 @@ const RUNS: usize = 6;
 /// Length of a record, s.
 const RECORD_S: f64 = 21_600.0;
 
-/// What a vessel sounds like: name, and what it changes of the usual radiation.
-const SPECTRA_OF: [(&str, fn(&mut Radiation)); 5] = [
+/// What a vessel's sound has other than the usual.
+type Change = fn(&mut Radiation);
+
+/// What vessels sound like, by name.
+const SPECTRA_OF: [(&str, Change); 5] = [
     ("six lines", |_| {}),
     ("two lines of 12 dB, wideband +5 dB", |r| {
         (r.tones_hz, r.tone_db, r.wideband_db) = (vec![12.1, 16.9], 12.0, 5.0);
@@ -40,7 +43,7 @@ const SPECTRA_OF: [(&str, fn(&mut Radiation)); 5] = [
     ("no line, wideband +5 dB", |r| (r.tones_hz, r.wideband_db) = (Vec::new(), 5.0)),
 ];
 
-fn hear(options: &Options, table: &Propagation, change: fn(&mut Radiation)) -> Result<Row> {
+fn hear(options: &Options, table: &Propagation, change: Change) -> Result<Row> {
     let mut row = Row::default();
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let mut ship = super::obs_one_ship::ship(seed);
