@@ -13,6 +13,7 @@ use crate::score::track_passed;
 use anyhow::Result;
 use rayon::prelude::*;
 use seabearing_core::wire::Track;
+use std::fmt::Display;
 
 /// The experiment.
 pub const NOISY: Experiment = Experiment {
@@ -58,7 +59,25 @@ impl Row {
             self.numbers.take(t, &e);
         }
     }
+
+    /// Shares of azimuths, ranges and numbers of final tracks in their 95 %, per cent.
+    pub(super) fn inside(&self) -> [f64; 3] {
+        [self.azimuth, self.range, self.numbers.all()].map(|s| s.percent(s.within))
+    }
+
+    /// Writes it behind what the row is of: see [`COLUMNS`].
+    pub(super) fn write(&self, csv: &mut CsvText, of: &[&dyn Display]) {
+        let [azimuths, ranges, numbers] = self.inside().map(|x| Fixed(x, 1));
+        let Self { azimuth, range, tracked, finals, .. } = self;
+        let cells: [&dyn Display; 8] =
+            [&azimuth.said, &azimuth.wrong, &azimuths, &range.said, &ranges, tracked, finals, &numbers];
+        csv.row(&[of, &cells].concat());
+    }
 }
+
+/// Names of a row's cells.
+pub(super) const COLUMNS: &str =
+    "azimuths,off_10_deg,azimuths_in_95,ranges,ranges_in_95,tracked,finals,numbers_in_95";
 
 fn hear(
     options: &Options,
@@ -91,25 +110,10 @@ fn run(options: &Options) -> Result<()> {
         .par_iter()
         .map(|(noise, vessel_db)| hear(options, &table, *noise, *vessel_db))
         .collect::<Result<_>>()?;
-    let mut csv = CsvText::new(
-        "along_db,axis_deg,vessel_db,azimuths,off_10_deg,azimuths_in_95,ranges,ranges_in_95,tracked,finals,numbers_in_95",
-    );
+    let mut csv = CsvText::new(&format!("along_db,axis_deg,vessel_db,{COLUMNS}"));
     for (((along_db, axis_deg), vessel_db), row) in settings.into_iter().zip(&rows) {
-        let all = row.numbers.all();
-        let inside = [row.azimuth, row.range, all].map(|s| s.percent(s.within));
-        csv.row(&[
-            &Fixed(along_db, 0),
-            &Fixed(axis_deg, 0),
-            &Fixed(vessel_db, 0),
-            &row.azimuth.said,
-            &row.azimuth.wrong,
-            &Fixed(inside[0], 1),
-            &row.range.said,
-            &Fixed(inside[1], 1),
-            &row.tracked,
-            &row.finals,
-            &Fixed(inside[2], 1),
-        ]);
+        row.write(&mut csv, &[&Fixed(along_db, 0), &Fixed(axis_deg, 0), &Fixed(vessel_db, 0)]);
+        let inside = row.inside();
         let what = format!("{along_db} dB along {axis_deg}°, vessel {vessel_db:+} dB");
         for (name, inside) in ["azimuths", "ranges", "numbers of final tracks"].into_iter().zip(inside) {
             options.figures.at_least(format!("{what}: {name} in their 95 %, %"), inside, 92.0);

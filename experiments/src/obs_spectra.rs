@@ -4,10 +4,10 @@
 //! The seeded vessels of `obs-one-ship`, six hours each. Before such a vessel is noticed its wideband sound has been heard for long, and it must not
 //! be taken for the sea's.
 
-use super::obs_noisy::Row;
+use super::obs_noisy::{COLUMNS, Row};
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
-use crate::csv::{CsvText, Fixed};
+use crate::csv::CsvText;
 use crate::ocean_bottom::scenario::{ObsScenario, Radiation};
 use crate::propagation::Propagation;
 use anyhow::Result;
@@ -58,24 +58,11 @@ fn run(options: &Options) -> Result<()> {
     let table = station_table(options)?;
     let rows: Vec<Row> =
         SPECTRA_OF.par_iter().map(|(_, change)| hear(options, &table, *change)).collect::<Result<_>>()?;
-    let mut csv = CsvText::new(
-        "spectrum,azimuths,off_10_deg,azimuths_in_95,ranges,ranges_in_95,tracked,finals,numbers_in_95",
-    );
+    let mut csv = CsvText::new(&format!("spectrum,{COLUMNS}"));
     let runs = options.runs.unwrap_or(RUNS);
     for ((name, _), row) in SPECTRA_OF.iter().zip(&rows) {
-        let all = row.numbers.all();
-        let inside = [row.azimuth, row.range, all].map(|s| s.percent(s.within));
-        csv.row(&[
-            &format!("\"{name}\""),
-            &row.azimuth.said,
-            &row.azimuth.wrong,
-            &Fixed(inside[0], 1),
-            &row.range.said,
-            &Fixed(inside[1], 1),
-            &row.tracked,
-            &row.finals,
-            &Fixed(inside[2], 1),
-        ]);
+        row.write(&mut csv, &[name]);
+        let inside = row.inside();
         for (what, inside) in ["azimuths", "ranges", "numbers of final tracks"].into_iter().zip(inside) {
             options.figures.at_least(format!("{name}: {what} in their 95 %, %"), inside, 92.0);
         }
