@@ -175,9 +175,8 @@ struct Passage {
     wrong: usize,
     /// By how much azimuths are too large.
     turned: [f64; 2],
-    /// How late the second clock is against the first, and the first.
+    /// How late the second clock is against the first.
     late_s: f64,
-    clock_s: f64,
 }
 
 impl Passage {
@@ -226,7 +225,7 @@ impl Passage {
         }
         heard.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         let [clock_s, other_s] = shared.map(|s| s[1]);
-        Self { state, heard, wrong, turned: shared.map(|s| s[0]), late_s: other_s - clock_s, clock_s }
+        Self { state, heard, wrong, turned: shared.map(|s| s[0]), late_s: other_s - clock_s }
     }
 }
 
@@ -352,8 +351,8 @@ impl Score {
         let found = positions(&sets, &settings, &shared, &said, way);
         for (set, fix) in sets.iter().zip(&found.fixes).filter(|(set, _)| set.stations.len() == 2) {
             let Ok(fix) = fix else { continue };
-            // By the clock of the first array, less the way of the sound.
-            let emitted_s = set.t_s - passage.clock_s - way.mean_s(set, &fix.position_m);
+            // The true time, whichever clock is late, less the way of the sound.
+            let emitted_s = set.t_s - way.mean_s(set, &fix.position_m);
             let [x, y, ..] = truth_at(&passage.state, emitted_s);
             let [[xx, xy, _], [_, yy, _], _] = fix.covariance_m2;
             let d = [fix.position_m[0] - x, fix.position_m[1] - y];

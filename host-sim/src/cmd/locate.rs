@@ -326,11 +326,14 @@ fn warn_of_lasting(network: &Network, found: &Positions) {
     const BEYOND: &str = "more than the network file allows: it is taken out of the positions, and the stated errors have grown";
     const USUAL: &str = "of which the network file says nothing, or elevations or the depth are off, which looks the same: the stated errors \
          hold it (`orientation_sd_deg` and `clock_sd_s` in the network file, or --motion, take it out)";
-    let (lasting, end) = match &found.contradicted {
-        Some(contradicted) => (contradicted, BEYOND),
-        None => (&found.untold, USUAL),
+    const WITHIN: &str = "within what the network file allows: it is taken out of the positions";
+    let all = match &found.contradicted {
+        Some(contradicted) => vec![(contradicted, BEYOND)],
+        None => vec![(&found.untold, USUAL), (&found.within, WITHIN)],
     };
-    for (station, of) in network.stations.iter().zip(lasting) {
+    let of_all =
+        all.iter().flat_map(|(lasting, end)| network.stations.iter().zip(*lasting).map(|of| (of, *end)));
+    for ((station, of), end) in of_all {
         let (name, (turned, late_s)) = (&station.name, (of.azimuth, of.clock_s));
         if of.beyond.0 {
             let [off, sd] = [turned.0, turned.1].map(|x| x / RAD_PER_DEG);

@@ -11,7 +11,8 @@
 //! was found; it is not taken out of them, for elevations or a depth that are off look like it.
 //!
 //! Errors that are larger than their priors allow are a contradiction: it is said, and the priors grow until they allow them.
-//! Clocks are told against that of the first station, or of the next where that takes less of all others. A station that contradicts the
+//! Clocks are told against that of the first station, or of the next where that takes less of all others; what is said of that clock itself
+//! is in the positions along the vessel's way. A station that contradicts the
 //! others in most of the positions is left out of all of them: instant by instant it would now and then take another with it.
 //!
 //! Where no position has more angles than it needs nothing tells of them, and an error looks like a vessel somewhere else: what is
@@ -51,7 +52,10 @@ const MOSTLY: f64 = 0.5;
 /// Own deviations from which on an error shows that nobody told of.
 const SHOWN: f64 = 2.0;
 /// Own deviations from which on that is worth a line.
-const SURE: f64 = 3.3;
+const SURE: f64 = 3.0;
+/// Deviations of its own and its prior's from which on what was found is no chance: with two stations one in a thousand passages has
+/// one beyond it, with eight stations one in two hundred.
+const SURPRISING: f64 = 3.6;
 /// Deviations of its prior beyond which an error is named where there is a contradiction.
 const NAMED: f64 = 2.0;
 
@@ -85,6 +89,8 @@ pub struct Positions {
     /// Errors that nobody told of, within what is usual, that are sure to be there (the others are not `beyond`): no position agrees with the
     /// arrays as they were told. They are in the positions' errors.
     pub untold: [Lasting; MAX_ARRAYS],
+    /// Errors within what was said of them that are sure to be there (the others are not `beyond`): they are taken out of the positions.
+    pub within: [Lasting; MAX_ARRAYS],
     /// Variance of the residuals over the claimed one, where that is more than chance.
     pub scatter: Option<f64>,
     /// The station that is left out.
@@ -117,11 +123,13 @@ pub fn positions(
     let checked = made.peek().is_none() || made.any(|fix| fix.freedom > 0);
     let told = best.unknowns().max(1.0);
     let excess = best.excess();
-    let contradict = excess > misfit_limit(told.ceil() as u32);
+    let surprising = best.surprising(shared);
+    let contradict = excess > misfit_limit(told.ceil() as u32) || surprising != *shared;
     if contradict {
         // Errors beyond what was allowed first may explain all.
-        let growth = (excess / told).sqrt();
-        let grown = shared.map(|s| SharedError { azimuth: growth * s.azimuth, clock_s: growth * s.clock_s });
+        let growth = (excess / told).sqrt().max(1.0);
+        let grown =
+            surprising.map(|s| SharedError { azimuth: growth * s.azimuth, clock_s: growth * s.clock_s });
         best = Fitted::simplest(&heard, settings, &grown, None);
         best = best.against_the_right_clock(&heard, &grown, |found, k| found.told(shared)[k].beyond.1);
     }
@@ -141,6 +149,7 @@ pub fn positions(
     }
     heard.bar.finish_and_clear();
     let contradicted = contradict.then(|| best.told(shared));
+    let within = if contradict { [Lasting::NONE; MAX_ARRAYS] } else { best.within(said) };
     let others = best.aside();
     let aside = core::array::from_fn(|k| if left_out == Some(k) { at_first[k] } else { others[k] });
     let scatter = best.scatter();
@@ -148,7 +157,7 @@ pub fn positions(
     let agree = contradicted.is_none() && scatter.is_none() && as_told;
     let fixes = best.stated(scatter.unwrap_or(1.0), agree);
     let sets = heard.sets.to_vec();
-    Positions { sets, fixes, checked, contradicted, clock_of, untold, scatter, left_out, aside }
+    Positions { sets, fixes, checked, contradicted, clock_of, untold, within, scatter, left_out, aside }
 }
 
 /// The same deviations, those that nobody told of as many times as wide.
@@ -189,8 +198,9 @@ struct Fitted {
     fixes: Vec<Result<Fix, NetworkError>>,
     velocities: Vec<Velocity>,
     prior: [f64; N],
-    /// The station against whose clock the others' are told.
+    /// The station against whose clock the others' are told, and the deviation of that.
     clock_of: Option<usize>,
+    clock_sd_s: f64,
     state: [f64; N],
     covariance: Square<N>,
     misfit: f64,
@@ -226,9 +236,7 @@ impl Fitted {
         }
         let first = heard.sets.iter().flat_map(|set| &set.stations).min().copied();
         let clock_of = clock_of.or(first);
-        if let Some(station) = clock_of {
-            prior[MAX_ARRAYS + station] = 0.0;
-        }
+        let clock_sd_s = clock_of.map_or(0.0, |k| core::mem::take(&mut prior[MAX_ARRAYS + k]));
         let mut new = Self {
             settings: *settings,
             sets: heard.sets.to_vec(),
@@ -236,6 +244,7 @@ impl Fitted {
             velocities: Vec::new(),
             prior,
             clock_of,
+            clock_sd_s,
             state: [0.0; N],
             covariance: identity(),
             misfit: 0.0,
@@ -370,6 +379,32 @@ impl Fitted {
         if other.excess() < self.excess() { other } else { self }
     }
 
+    /// What was said, and of what the bearings contradict as much as it would have to be. An error that the bearings tell to a deviation `σ` has, where
+    /// the prior holds, a mean of `w` priors with the variance `1 − C` of them (`C`: what is left of the prior's); without the prior it is
+    /// `w / (1 − C)`. So a clock that is said to be right to a millisecond shows what it is, though by its prior it moved by nothing.
+    fn surprising(&self, said: &[SharedError; MAX_ARRAYS]) -> [SharedError; MAX_ARRAYS] {
+        let grown = |k: usize, said: f64| {
+            let told = 1.0 - self.covariance[k][k];
+            let by = self.state[k].abs();
+            if told > f64::EPSILON && by > SURPRISING * told.sqrt() {
+                said * (by / told).max(1.0)
+            } else {
+                said
+            }
+        };
+        let mut all = core::array::from_fn(|k| SharedError {
+            azimuth: grown(k, said[k].azimuth),
+            clock_s: grown(MAX_ARRAYS + k, said[k].clock_s),
+        });
+        // Where a clock is late against another, either may be the wrong one.
+        let late = all.iter().zip(said).filter(|(all, said)| all.clock_s > said.clock_s);
+        let late_s = late.map(|(all, _)| all.clock_s).fold(0.0, f64::max);
+        if let Some(k) = self.clock_of {
+            all[k].clock_s = all[k].clock_s.max(late_s);
+        }
+        all
+    }
+
     /// Whether the residuals are about as large as claimed.
     fn explains(&self) -> bool {
         self.used >= LEAST_FIXES && self.misfit <= EXPLAINED * self.freedom
@@ -403,9 +438,19 @@ impl Fitted {
 
     /// What was found of each station; `beyond` where nobody told of it and it is sure to be there.
     fn untold(&self, said: &[SharedError; MAX_ARRAYS]) -> [Lasting; MAX_ARRAYS] {
+        self.sure(said, |said| said <= 0.0)
+    }
+
+    /// The same of what somebody told of.
+    fn within(&self, said: &[SharedError; MAX_ARRAYS]) -> [Lasting; MAX_ARRAYS] {
+        self.sure(said, |said| said > 0.0)
+    }
+
+    /// What was found of each station; `beyond` where it is sure to be there and `counts`, by what was said of it.
+    fn sure(&self, said: &[SharedError; MAX_ARRAYS], counts: impl Fn(f64) -> bool) -> [Lasting; MAX_ARRAYS] {
         let mut all = self.told(said);
         for (k, (of, said)) in all.iter_mut().zip(said).enumerate() {
-            let sure = |k: usize, said: f64| said <= 0.0 && self.stands_out(k) > SURE;
+            let sure = |k: usize, said: f64| counts(said) && self.stands_out(k) > SURE;
             of.beyond = (sure(k, said.azimuth), sure(MAX_ARRAYS + k, said.clock_s));
         }
         all
@@ -418,7 +463,7 @@ impl Fitted {
             let told = if k < MAX_ARRAYS { said.azimuth } else { said.clock_s };
             if told > 0.0 { 0.0 } else { found.state[k] }
         });
-        self.prior = found.prior;
+        (self.prior, self.clock_sd_s) = (found.prior, found.clock_sd_s);
         self.covariance = found.covariance;
         for (row, a) in self.covariance.iter_mut().zip(untold) {
             for (x, b) in row.iter_mut().zip(untold) {
@@ -432,16 +477,35 @@ impl Fitted {
         let one = |k: usize| {
             let (azimuth, clock_s) = (of(k), of(MAX_ARRAYS + k));
             let beyond = (
-                azimuth.0.abs() > NAMED * shared[k].azimuth.max(f64::MIN_POSITIVE),
-                clock_s.0.abs() > NAMED * shared[k].clock_s.max(f64::MIN_POSITIVE),
+                azimuth.0.abs() > NAMED * azimuth.1.max(shared[k].azimuth).max(f64::MIN_POSITIVE),
+                clock_s.0.abs() > NAMED * clock_s.1.max(shared[k].clock_s).max(f64::MIN_POSITIVE),
             );
             Lasting { azimuth, clock_s, beyond }
         };
         core::array::from_fn(one)
     }
 
+    /// Mean square of the error of the clock that the others' are told against, seconds²: its prior, and those of the others, which are late by as
+    /// much more than it as was found.
+    fn clock_s2(&self) -> f64 {
+        let is_heard =
+            |k: &usize| self.clock_of != Some(*k) && self.sets.iter().any(|s| s.stations.contains(k));
+        let others = || (0..MAX_ARRAYS).filter(is_heard).map(|k| MAX_ARRAYS + k);
+        if self.clock_sd_s <= 0.0 {
+            return 0.0;
+        }
+        let (mut weight, mut pull) = (self.clock_sd_s.powi(-2), 0.0);
+        for k in others().filter(|k| self.prior[*k] > 0.0) {
+            let of = 1.0 / (self.prior[k].powi(2) * (1.0 + self.covariance[k][k]));
+            weight += of;
+            pull -= of * self.prior[k] * self.state[k];
+        }
+        (pull / weight).powi(2) + 1.0 / weight
+    }
+
     /// The positions, what lasts in their covariances. `noise`: what the residuals show more than was claimed.
     fn stated(self, noise: f64, agree: bool) -> Vec<Result<Fix, NetworkError>> {
+        let clock_s2 = self.clock_s2();
         let state = |((set, fix), v): ((&SightingSet, Result<Fix, NetworkError>), &Velocity)| {
             let mut fix = fix?;
             let own = if fix.consistent { 1.0 } else { fix.misfit / f64::from(fix.freedom.max(1)) };
@@ -451,6 +515,11 @@ impl Fitted {
                 let lasting = spd::propagated(&sums.moves, &self.covariance);
                 for (x, add) in fix.covariance_m2.iter_mut().flatten().zip(lasting.as_flattened()) {
                     *x += add;
+                }
+            }
+            for (row, a) in fix.covariance_m2.iter_mut().zip(v.m_s) {
+                for (x, b) in row.iter_mut().zip(v.m_s) {
+                    *x += clock_s2 * a * b;
                 }
             }
             fix.consistent &= agree;
