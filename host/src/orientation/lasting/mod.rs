@@ -52,7 +52,7 @@ const MOSTLY: f64 = 0.5;
 /// Own deviations from which on an error shows that nobody told of.
 const SHOWN: f64 = 2.0;
 /// Own deviations from which on that is worth a line.
-const SURE: f64 = 3.0;
+const SURE: f64 = 3.3;
 /// Deviations of its own and its prior's from which on what was found is no chance: with two stations one in a thousand passages has
 /// one beyond it, with eight stations one in two hundred.
 const SURPRISING: f64 = 3.6;
