@@ -34,19 +34,33 @@ struct Off {
     turned_deg: f64,
     codes: fn(Frame) -> Frame,
     too_deep_m: f64,
+    /// By which share the table's sound is too fast.
+    too_fast: f64,
     told: Doubts,
 }
 
 /// As told, and said to be exact.
 const NOTHING: Doubts = Doubts { orientation_deg: 0.0, gain_db: 0.0, table_depth_m: 0.0 };
-const SOUND: Off = Off { name: "none", turned_deg: 0.0, codes: |f| f, too_deep_m: 0.0, told: NOTHING };
+const SOUND: Off =
+    Off { name: "none", turned_deg: 0.0, codes: |f| f, too_deep_m: 0.0, too_fast: 0.0, told: NOTHING };
+
+/// 15 m/s as an error of the table's depth, as `table_sound_speed_sd_m_s` in the station file means it over 4340 m.
+const SOUND_AS_DEPTH_M: f32 = 0.6 * 4340.0 * 0.01;
+
+/// A table as if sound were by a share faster.
+fn faster(mut table: Propagation, share: f64) -> Propagation {
+    for arrival in table.paths.iter_mut().flat_map(|path| path.arrivals.iter_mut().flatten()) {
+        arrival.toa_s /= 1.0 + share;
+    }
+    table
+}
 
 /// North 3 dB louder.
 fn louder([p, n, e, z]: Frame) -> Frame {
     [p, (f64::from(n) * 10f64.powf(3.0 / 20.0)) as i32, e, z]
 }
 
-const OFF: [Off; 6] = [
+const OFF: [Off; 8] = [
     SOUND,
     Off {
         name: "orientation 5° off",
@@ -68,10 +82,23 @@ const OFF: [Off; 6] = [
         ..SOUND
     },
     Off {
-        name: "all of these",
+        name: "table's sound 1 % too fast",
+        too_fast: 0.01,
+        told: Doubts { table_depth_m: SOUND_AS_DEPTH_M, ..NOTHING },
+        ..SOUND
+    },
+    Off {
+        name: "table's sound 1 % too slow",
+        too_fast: -0.01,
+        told: Doubts { table_depth_m: SOUND_AS_DEPTH_M, ..NOTHING },
+        ..SOUND
+    },
+    Off {
+        name: "all but the sound",
         turned_deg: -5.0,
         codes: louder,
         too_deep_m: 100.0,
+        too_fast: 0.0,
         told: Doubts { orientation_deg: 5.0, gain_db: 3.0, table_depth_m: 100.0 },
     },
 ];
@@ -89,7 +116,8 @@ fn hear(options: &Options, days: usize, table: &Propagation, off: &Off) -> Resul
     let (vessels, heard) = (simulator.vessels.clone(), simulator.heard());
     let mut altered = Altered::new(&mut simulator, off.codes);
     let mut messages = Vec::new();
-    run::run(&config, &deeper(table, off.too_deep_m), &mut altered, &mut |m| messages.push(m))?;
+    let table_told = faster(deeper(table, off.too_deep_m), off.too_fast);
+    run::run(&config, &table_told, &mut altered, &mut |m| messages.push(m))?;
     Ok(Case { messages, vessels, heard, table: table.clone(), paths, rate_hz })
 }
 

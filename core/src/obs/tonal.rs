@@ -252,14 +252,19 @@ impl WrappedCauchy {
     /// off what lies farther than [`TAKEN`], so that a bin answers a turn of its vessel by less than the whole: by one less
     /// the density at the limit times its width (the slope of a truncated mean). Of [`ALIKE`] directions one is independent.
     /// Where bins point apart the direction may be that of two vessels heard as one, and the variance allows for it (see `between`).
+    /// Bins of wideband sound, of which hardly one is sure by itself, are those that chance let point alike, and scatter more than they show: where the
+    /// mean of their log ratios is below [`BY_THEMSELVES`] the variance is up to twice as large.
     #[inline(never)]
     fn weighted(&self, bins: usize, s: &Tonal, rows: &[&Row], best: usize, azimuth: f32) -> (f32, f32) {
         let (mut weights, mut sum) = (0f32, 0f32);
+        let (mut peaks, mut used) = (0f32, 0f32);
         let mut between = Between::default();
         for f in 0..bins.min(AZIMUTH_BINS) {
             let (mut lean, mut square, mut n, mut cut) = (0f32, 0f32, 0f32, 0f32);
             let apart = distance(usize::from(get(&s.best, f)), best);
-            if get(&s.free, f) == 0 && get(&s.peak, f) > 0.0 && apart <= SAME_VESSEL {
+            let peak = get(&s.peak, f);
+            if get(&s.free, f) == 0 && peak > 0.0 && apart <= SAME_VESSEL {
+                (peaks, used) = (peaks + peak, used + 1.0);
                 for c in Codes::of(rows, f).azimuths() {
                     let code = f32::from(*c) * (math::f32::TAU / CIRCLE as f32);
                     let d = crate::angle::wrap_pi_f32(code - azimuth);
@@ -279,7 +284,8 @@ impl WrappedCauchy {
         if weights <= 0.0 {
             return (0.0, MOST_VAR);
         }
-        (sum / weights, (ALIKE / weights + between.told()).min(MOST_VAR))
+        let chance = ((BY_THEMSELVES.1 - peaks / used) / (BY_THEMSELVES.1 - BY_THEMSELVES.0)).clamp(0.0, 1.0);
+        (sum / weights, ((1.0 + chance) * ALIKE / weights + between.told()).min(MOST_VAR))
     }
 }
 
@@ -299,6 +305,11 @@ const SURE_WIDEBAND: f32 = 14.5;
 /// one, and half-overlapped frames to 1/6, 1.33: 3.55. Those of wideband sound go together to the squares of these: 2.05. A vessel's bins are
 /// mostly tones' where it is weak; chosen so that azimuths of vessels 10 dB below the table's level lie in their 95 %.
 const ALIKE: f32 = 3.1;
+
+/// Mean log ratio of a mode's bins up to which chance chose them, and from which on it did not. Of vessels with lines 10 dB and more above their
+/// wideband sound it is above 12 in 98 of 100 minutes and directions err by 0.8 to 1.06 times what is stated; of those with wideband sound 5 dB up and lines
+/// of 12 dB it is 5 to 12 in four of five, and without this they err by 1.4 times (2 400 and 1 500 minutes of twelve vessels).
+const BY_THEMSELVES: (f32, f32) = (10.0, 13.0);
 
 /// Frames that a bin's scatter counts for before it is seen, and their variance (5 degrees squared), rad².
 const FRAMES_BEFORE: f32 = 2.0;

@@ -18,6 +18,7 @@ use std::path::PathBuf;
     hydrophone J minus that at hydrophone I, in seconds. `accepted` is the outlier test: residual, length of the \
     solved direction, and continuity with the bearings before; one or two wrong pairs are left out (`dropped`). \
     A hydrophone that is late in all sets is named where their directions tell it, and the errors stated hold what it does. \
+    A pair that is wrong in all sets, around which delays do not close, is named. \
     Where most sets contradict the array and nothing tells why, or hardly any is accepted, the accepted ones are marked `suspect`. \
     A file of which more than a quarter of the bearings point below the horizon is refused: signs or pairs are mirrored; single sets that do are not \
     accepted where the station lies 25 m deep or more.")]
@@ -53,11 +54,14 @@ pub fn run(args: Args) -> Result<()> {
     let station = Station::read(&args.station)?;
     let solved = solve(&station.config, &args.tdoa, args.tolerance_us.map(|t| t * 1e-6))?;
     let suspect = solved.suspect();
-    let Solved { sets: results, lateness, .. } = solved;
+    let Solved { sets: results, lateness, unclosed, .. } = solved;
     // What is mirrored contradicts nothing else.
     check_above(&results).with_context(|| args.tdoa.display().to_string())?;
     if let Some(said) = lateness.and_then(|l| l.said()) {
         log::warn!("{}: {said}", args.tdoa.display());
+    }
+    if let Some(unclosed) = unclosed {
+        log::warn!("{}: {}", args.tdoa.display(), unclosed.said());
     }
     if let Some(said) = &suspect {
         log::warn!("{}: {said}", args.tdoa.display());

@@ -2,7 +2,7 @@
 //!
 //! Nothing here is of its own: positions are bounded by [`seabearing_locate::network::bound`], passages by the information of
 //! [`seabearing_locate::network::joint`], both as the experiments do. The error of an array's orientation is in each azimuth of a
-//! position, and an unknown of a passage. That of its clock against the first array's puts the vessel elsewhere on its way: where the list
+//! position, and an unknown of a passage. That of its clock puts the vessel elsewhere on its way: where the list
 //! says how large it is, it is in each bearing of a position, the vessel's heading being anything; in a passage it is an unknown.
 
 use crate::orientation::network_file::Network;
@@ -77,9 +77,8 @@ pub fn at(network: &Network, of: &Bearings, speed_m_s: f64, [x, y]: [f64; 2]) ->
         .iter()
         .enumerate()
         .map(|(k, array_m)| {
-            // Clocks are told against the first. Of a way of any heading half the variance is along a gradient.
-            let late_s = if k == 0 { 0.0 } else { clocks[k].clock_s };
-            let away_m = late_s * speed_m_s / std::f64::consts::SQRT_2;
+            // Of a way of any heading half the variance is along a gradient.
+            let away_m = clocks[k].clock_s * speed_m_s / std::f64::consts::SQRT_2;
             let (a, e) = gradients(array_m, &source_m);
             let seen = sighting(array_m, &source_m, of, of.sd_azimuth.hypot(network.sd_orientation[k]));
             Sighting {
@@ -188,9 +187,10 @@ mod tests {
     #[test]
     fn what_the_list_says_of_clocks_is_in_positions() {
         let dir = tempfile::tempdir().unwrap();
-        let of_clocks = |said: &str| {
+        let of_clocks = |said: [&str; 2]| {
             let path = dir.path().join("network.toml");
             let station = |id: u8, x: f64| {
+                let said = said[usize::from(id) - 1];
                 format!(
                     "[[stations]]\nid = {id}\nname = \"s{id}\"\nposition = {{ local_m = [{x:.1}, 0.0, -100.0] }}\n{said}\n"
                 )
@@ -200,10 +200,12 @@ mod tests {
             let of = Bearings { sd_azimuth: 0.0035, sd_elevation: 0.005, depth_m: 5.0 };
             at(&network, &of, 10.0, [100.0, 300.0]).position_m.unwrap()
         };
-        let (silent, good) = (of_clocks(""), of_clocks("clock_sd_s = 0.001"));
-        let (poor, none) = (of_clocks("clock_sd_s = 2.0"), of_clocks("clock_sd_s = 1000.0"));
+        let (silent, good) = (of_clocks([""; 2]), of_clocks(["clock_sd_s = 0.001"; 2]));
+        let poor = of_clocks(["clock_sd_s = 0.001", "clock_sd_s = 2.0"]);
+        let (both, none) = (of_clocks(["clock_sd_s = 2.0"; 2]), of_clocks(["", "clock_sd_s = 1000.0"]));
         assert!((good / silent - 1.0).abs() < 0.01, "{good} {silent}");
-        // Two seconds of 10 m/s are 20 m of the second array; with no clock the first array alone is left.
+        // Two seconds of 10 m/s are 20 m of the second array; with no clock the first array alone is left. Where both are as bad, the time is too.
         assert!(poor > 1.5 * good && poor < good.hypot(20.0) && none > 1.05 * poor, "{good} {poor} {none}");
+        assert!(both > 1.05 * poor && both < good.hypot(20.0), "{poor} {both}");
     }
 }

@@ -4,6 +4,7 @@ mod contradiction;
 mod few;
 pub mod late;
 mod scatter;
+mod unclosed;
 mod units;
 
 use crate::csv::{CsvTable, good_rows};
@@ -18,6 +19,7 @@ use seabearing_locate::delays::tdoa::{DelaySolution, Solver};
 use std::path::Path;
 
 pub(crate) use scatter::correlated;
+pub use unclosed::Unclosed;
 
 /// Columns of the input.
 pub const COLUMNS: [&str; 7] =
@@ -79,6 +81,8 @@ pub struct Solved {
     pub contradiction: Option<Contradiction>,
     /// That hardly any set is accepted.
     pub few: Option<Few>,
+    /// What does not close in all of them: the accepted sets may be right.
+    pub unclosed: Option<Unclosed>,
 }
 
 impl Solved {
@@ -197,5 +201,6 @@ pub fn solve_rows(
     let enough = |delays: &[f64; 6]| delays.iter().filter(|d| d.is_finite()).count() >= 3;
     let told = sets.iter().zip(&delays).filter(|(s, delays)| enough(delays) && !s.below).count();
     let few = if counted { None } else { few::of(told, accepted.iter().filter(|a| **a).count()) };
-    Ok(Solved { sets, lateness, contradiction, few })
+    let unclosed = unclosed::of(&delays, solver.tolerance_s().into());
+    Ok(Solved { sets, lateness, contradiction, few, unclosed })
 }

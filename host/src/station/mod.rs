@@ -7,6 +7,7 @@ pub mod import;
 pub mod response;
 #[cfg(feature = "schema")]
 pub mod schema;
+mod table_sound;
 mod tables;
 mod xml;
 
@@ -144,6 +145,7 @@ impl Station {
         let mut propagation = None;
         let mut seed_id = None;
         let mut doubts = Doubts::default();
+        let mut table_sound_sd_m_s = 0.0;
         let mut gains = [1.0; 4];
         let mut responses = [const { None }; 4];
         let mut sensitivity = None;
@@ -197,6 +199,7 @@ impl Station {
                     gain_db: o.gain_sd_db,
                     table_depth_m: o.table_depth_sd_m,
                 };
+                table_sound_sd_m_s = o.table_sound_speed_sd_m_s;
                 gains = o.sensitivity.map_or(gains, |s| s.gains());
                 if !gains.iter().all(|g| g.is_finite() && *g != 0.0) {
                     bail!("{}: each sensitivity must be a number other than 0", here("obs.sensitivity"));
@@ -240,6 +243,9 @@ impl Station {
             other => bail!("{}: kind = \"{other}\"; array, obs or line", here("station.kind")),
         };
         let tracking = file.tracking.unwrap_or_default();
+        let of_all = base(&file.station, "station", source)?;
+        table_sound::count(&mut doubts, table_sound_sd_m_s, (of_all.depth_m, of_all.sound_speed_m_s))
+            .map_err(|what| source.wrong("obs.table_sound_speed_sd_m_s", what))?;
         let config = StationConfig {
             rate_hz,
             full_scale: sampling.as_ref().map_or(default_full_scale(), |s| s.full_scale),
@@ -267,7 +273,7 @@ impl Station {
                 .map_or_else(Schedule::default, |s| Schedule { every_s: s.every_s, on_s: s.on_s }),
             clips: clips_of(file.card.as_ref(), source)?,
             doubts,
-            ..base(&file.station, "station", source)?
+            ..of_all
         };
         config.validate().map_err(|e| explain(&e, source))?;
         let name_offset = sampling.as_ref().and_then(|s| s.name_offset.as_deref());

@@ -208,6 +208,10 @@ pub(super) struct Obs {
     /// stated of ranges, speeds and tracks.
     #[serde(default)]
     pub(super) table_depth_sd_m: f32,
+    /// Standard deviation of the speed of sound over that of the propagation table, m/s, 0 to 100: counts as an error of the table's depth of 0.6 times its
+    /// share; needs the depth of the station.
+    #[serde(default)]
+    pub(super) table_sound_speed_sd_m_s: f32,
     /// `away`: active intensity points away from the source (physical); `towards` where polarity reverses it.
     #[serde(default = "default_intensity")]
     pub(super) intensity: String,
