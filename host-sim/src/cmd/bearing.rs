@@ -21,7 +21,7 @@ use std::path::PathBuf;
     A pair that is wrong in all sets, around which delays do not close, is named. \
     Where most sets contradict the array and nothing tells why, or hardly any is accepted, the accepted ones are marked `suspect`. \
     A file of which more than a quarter of the bearings point below the horizon is refused: signs or pairs are mirrored; single sets that do are not \
-    accepted where the station lies 25 m deep or more.")]
+    accepted where the station lies 25 m deep or more. Nor are sets that point the way of those about them at another elevation, as echoes do.")]
 pub struct Args {
     /// Arrival-time differences: t_s,tdoa01_s,...,tdoa23_s.
     #[arg(value_parser = super::input())]
@@ -102,6 +102,14 @@ pub fn run(args: Args) -> Result<()> {
             results.len()
         );
     }
+    let echoes = results.iter().filter(|r| r.echo).count();
+    if echoes > 0 {
+        log::warn!(
+            "{}: {echoes} of {} sets point the way of those about them at another elevation, as an echo does, and are not accepted",
+            args.tdoa.display(),
+            results.len()
+        );
+    }
     if accepted == 0 {
         bail!(
             "{}: none of {} sets gives a consistent bearing; check signs, pair order and the hydrophone positions",
@@ -124,7 +132,7 @@ fn dropped(s: &DelaySolution) -> Vec<String> {
 
 /// Of a direction in which no vessel is, none.
 fn quality(r: &SetResult, s: &DelaySolution) -> f64 {
-    if r.below { 0.0 } else { f64::from(s.quality) }
+    if r.below || r.echo { 0.0 } else { f64::from(s.quality) }
 }
 
 fn degrees(x: f32) -> f64 {

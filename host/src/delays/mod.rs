@@ -1,6 +1,7 @@
 //! Bearings from a file of arrival-time differences, set by set.
 
 mod contradiction;
+mod echo;
 mod few;
 pub mod late;
 mod scatter;
@@ -34,12 +35,14 @@ pub struct SetResult {
     pub solution: Option<DelaySolution>,
     /// It points where no vessel is: below the horizon, of a station whose vessels are well above it.
     pub below: bool,
+    /// It points the way of the sets about it at another elevation, as an echo does.
+    pub echo: bool,
 }
 
 impl SetResult {
     /// Whether it is a vessel's as far as its delays tell.
     pub fn accepted(&self) -> bool {
-        self.solution.is_some_and(|s| s.accepted) && !self.below
+        self.solution.is_some_and(|s| s.accepted) && !self.below && !self.echo
     }
 }
 
@@ -191,9 +194,12 @@ pub fn solve_rows(
     let of = |[t_s, delays @ ..]: [f64; 7]| {
         let solution = solver.solve(&mut continuity, t_s, &delays.map(|d| d as f32));
         let below = config.depth_m >= WELL_BELOW_M && solution.as_ref().is_some_and(points_down);
-        SetResult { t_s, solution, below }
+        SetResult { t_s, solution, below, echo: false }
     };
-    let sets: Vec<SetResult> = rows.into_iter().map(of).collect();
+    let mut sets: Vec<SetResult> = rows.into_iter().map(of).collect();
+    for (set, echo) in echo::of(&sets).into_iter().enumerate() {
+        sets[set].echo = echo;
+    }
     let counted = lateness.as_ref().is_some_and(|l| l.said().is_some());
     let accepted: Vec<bool> = sets.iter().map(SetResult::accepted).collect();
     let contradiction = if counted { None } else { contradiction::of(&geometry, &told, &delays, &accepted) };

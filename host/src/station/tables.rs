@@ -69,7 +69,7 @@ pub(super) struct StationTable {
     /// Of a list only: standard deviation of `orientation_deg`, degrees, 0 to 180; what fits of several stations' bearings
     /// assume, 0.5 where it is not said: what passes of known vessels give. A compass alone is several degrees.
     pub(super) orientation_sd_deg: Option<f64>,
-    /// Of a list only: standard deviation of its clock against the others, seconds, 0 to 86400; where it is not said what
+    /// Of a list only: standard deviation of its clock, seconds, 0 to 86400; where it is not said what
     /// the recorder states of its clock counts, and 2 where it states nothing: a part in a million, three weeks after it was set.
     pub(super) clock_sd_s: Option<f64>,
     /// Of a list only: the recorder's own station file, for the sensitivities with which its levels are told.
