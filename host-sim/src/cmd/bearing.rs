@@ -18,7 +18,7 @@ use std::path::PathBuf;
     hydrophone J minus that at hydrophone I, in seconds. `accepted` is the outlier test: residual, length of the \
     solved direction, and continuity with the bearings before; one or two wrong pairs are left out (`dropped`). \
     A hydrophone that is late in all sets is named where their directions tell it, and the errors stated hold what it does. \
-    A pair that is wrong in all sets, around which delays do not close, is named. \
+    A pair that is wrong all through a file, around which delays do not close, is named. \
     Where most sets contradict the array and nothing tells why, or hardly any is accepted, the accepted ones are marked `suspect`. \
     A file of which more than a quarter of the bearings point below the horizon is refused: signs or pairs are mirrored; single sets that do are not \
     accepted where the station lies 25 m deep or more. Nor are sets that point the way of those about them at another elevation, as echoes do.")]

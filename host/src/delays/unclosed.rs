@@ -11,12 +11,13 @@ use seabearing_core::kit::median;
 
 /// Fewest sets.
 const FEWEST: usize = 20;
-/// Standard deviations of the median from which on it is no chance, and the least that is worth a line, as a share of the outlier test's tolerance.
-const NO_CHANCE: f64 = 5.0;
-const LEAST: f64 = 0.5;
-/// Standard deviation of normal numbers over their median distance from the median, and that of a median over that of a mean.
-const NORMAL: f64 = 1.4826;
-const MEDIAN: f64 = 1.2533;
+/// The least that is worth a line, as a share of the outlier test's tolerance, and in steps of delays that are whole numbers of one.
+const LEAST: f64 = 1.0;
+const STEPS: f64 = 2.5;
+/// Parts of a file, one after the other, and of how many of them the median must be at least half of that of all: what lasts for some sets only, or
+/// drifts, is not in all of them.
+const PARTS: usize = 10;
+const ALIKE: usize = 9;
 
 /// The hydrophones of each triangle, in rising order.
 const TRIANGLES: [[usize; 3]; 4] = [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]];
@@ -47,12 +48,12 @@ impl Unclosed {
             .filter_map(|([i, j, k], by_s)| Some(format!("{i}, {j}, {k} by {:+.0} µs", 1e6 * by_s?)));
         let end = match self.pair() {
             Some((i, j)) => format!(
-                "pair {i}{j} is wrong in all of them, or two other pairs of {i} or {j} are wrong alike, which looks the same and turns directions"
+                "pair {i}{j} is wrong, or two other pairs of {i} or {j} are wrong alike, which looks the same and turns directions"
             ),
-            None => "several pairs are wrong in all of them".to_owned(),
+            None => "several pairs are wrong".to_owned(),
         };
         format!(
-            "in the median of {} sets delays do not close around hydrophones {}: {end}",
+            "in most of {} sets delays do not close around hydrophones {}: {end}",
             self.sets,
             open.collect::<Vec<_>>().join(" and ")
         )
@@ -66,14 +67,27 @@ pub(super) fn of(sets: &[[f64; 6]], tolerance_s: f64) -> Option<Unclosed> {
     };
     let by_s = TRIANGLES.map(|[i, j, k]| {
         let around = |d: &[f64; 6]| of_pair(d, (i, j)) + of_pair(d, (j, k)) - of_pair(d, (i, k));
-        let mut all: Vec<f64> = sets.iter().map(around).filter(|x| x.is_finite()).collect();
-        let n = all.len();
-        let middle = median(&mut all).filter(|_| n >= FEWEST)?;
-        let mut off: Vec<f64> = all.iter().map(|x| (x - middle).abs()).collect();
-        let sd = MEDIAN * NORMAL * median(&mut off)? / (n as f64).sqrt();
-        (middle.abs() > (NO_CHANCE * sd).max(LEAST * tolerance_s)).then_some(middle)
+        let all: Vec<f64> = sets.iter().map(around).filter(|x| x.is_finite()).collect();
+        let middle = median(&mut all.clone()).filter(|_| all.len() >= FEWEST)?;
+        let alike = |part: &[f64]| median(&mut part.to_vec()).is_some_and(|x| x / middle > 0.5);
+        let alike = all.chunks(all.len().div_ceil(PARTS)).filter(|part| alike(part)).count();
+        let step_s = |p: (usize, usize)| step(sets.iter().map(|d| of_pair(d, p)).collect());
+        let step_s = [(i, j), (j, k), (i, k)].map(step_s).into_iter().fold(0.0, f64::max);
+        let least = (STEPS * step_s).max(LEAST * tolerance_s);
+        (middle.abs() > least && alike >= ALIKE).then_some(middle)
     });
-    by_s.iter().any(Option::is_some).then_some(Unclosed { sets: sets.len(), by_s })
+    // Closures of four triangles are three numbers: one alone is not open.
+    (by_s.iter().flatten().count() > 1).then_some(Unclosed { sets: sets.len(), by_s })
+}
+
+/// The step of numbers that are multiples of one; none of others, and of those that are all the same nobody knows it.
+fn step(mut all: Vec<f64>) -> f64 {
+    const SAME_S: f64 = 1e-8;
+    all.sort_by(f64::total_cmp);
+    let apart = all.windows(2).map(|pair| pair[1] - pair[0]).filter(|d| *d > SAME_S);
+    let (count, least) = apart.fold((0, f64::INFINITY), |(n, least), d| (n + 1, least.min(d)));
+    // Numbers that are not of a step hardly ever meet.
+    if 2 * count < all.len() { least } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -104,13 +118,13 @@ mod tests {
         for (off_s, pair) in [
             ([2e-4, 0.0, 0.0, 0.0, 0.0, 0.0], (0, 1)),
             ([0.0, 0.0, 6e-5, 0.0, 6e-5, 0.0], (2, 3)),
-            ([0.0, 0.0, 0.0, 0.0, -3e-5, 0.0], (1, 3)),
+            ([0.0, 0.0, 0.0, 0.0, -4e-5, 0.0], (1, 3)),
         ] {
             let found = of(&sets(off_s, 1), 28e-6).unwrap();
             assert_eq!(found.pair(), Some(pair), "{found:?}");
             let said = found.said();
             assert!(
-                said.contains(&format!("pair {}{} is", pair.0, pair.1)) && said.lines().count() == 1,
+                said.contains(&format!("pair {}{} is wrong", pair.0, pair.1)) && said.lines().count() == 1,
                 "{said}"
             );
         }
@@ -123,6 +137,16 @@ mod tests {
         assert_eq!(of(&sets([0.0; 6], 0), 28e-6), None);
         assert_eq!(of(&sets([0.0; 6], 2), 28e-6), None);
         assert_eq!(of(&sets([0.0; 6], 6), 28e-6), None);
-        assert_eq!(of(&sets([2e-4; 6], 1)[..10], 28e-6), None);
+        assert_eq!(of(&sets([2e-4, 0.0, 0.0, 0.0, 0.0, 0.0], 0)[..10], 28e-6), None);
+        // Half of a file, and a drift through nothing.
+        let (well, wrong) = (sets([0.0; 6], 0), sets([2e-4, 0.0, 0.0, 0.0, 0.0, 0.0], 0));
+        assert_eq!(of(&[&well[..120], &wrong[120..]].concat(), 28e-6), None);
+        let drift =
+            well.iter().enumerate().map(|(k, d)| [d[0] + 1e-6 * k as f64, d[1], d[2], d[3], d[4], d[5]]);
+        assert_eq!(of(&drift.collect::<Vec<_>>(), 28e-6), None);
+        // Whole samples, which stay the same for long.
+        let whole = |d: &[f64; 6]| d.map(|x| (x / 62.5e-6).round() * 62.5e-6);
+        let steady: Vec<[f64; 6]> = (0..300).map(|_| whole(&well[0])).collect();
+        assert_eq!(of(&steady, 28e-6), None);
     }
 }

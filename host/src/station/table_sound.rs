@@ -5,6 +5,9 @@ use seabearing_core::config::Doubts;
 /// Greatest deviation, m/s.
 const MOST_SD_M_S: f32 = 100.0;
 
+/// Greatest deviation of the table's depth, m.
+const MOST_DEPTH_SD_M: f32 = 1000.0;
+
 /// What an error of the table's depth is over one of its speed of sound, as shares of each.
 ///
 /// The delay between the paths that cross the water once and three times, `(R₃ − R₁)/c` with `Rₙ² = r² + n² h²`, stays as it is where `r` is off by
@@ -30,8 +33,19 @@ pub(super) fn count(doubts: &mut Doubts, sd_m_s: f32, water: (f64, f64)) -> Resu
                 .into(),
         );
     }
-    let as_depth_m = AS_DEPTH * depth_m * f64::from(sd_m_s) / sound_m_s;
-    doubts.table_depth_m = doubts.table_depth_m.hypot(as_depth_m as f32);
+    let own_m = doubts.table_depth_m;
+    // What is wrong with the depth's own is said of that.
+    if (0.0..=MOST_DEPTH_SD_M).contains(&own_m) {
+        let as_depth_m = AS_DEPTH * depth_m * f64::from(sd_m_s) / sound_m_s;
+        doubts.table_depth_m = own_m.hypot(as_depth_m as f32);
+        if doubts.table_depth_m > MOST_DEPTH_SD_M {
+            return Err(format!(
+                "table_sound_speed_sd_m_s = {sd_m_s}: with table_depth_sd_m = {own_m} that is as much as a table {:.0} m off, and at most \
+                 {MOST_DEPTH_SD_M} m can be told",
+                doubts.table_depth_m
+            ));
+        }
+    }
     Ok(())
 }
 
@@ -64,6 +78,11 @@ mod tests {
 
     #[test]
     fn what_cannot_be_is_said() {
+        let mut doubts = Doubts { table_depth_m: -5.0, ..Doubts::default() };
+        count(&mut doubts, 15.0, (4000.0, 1500.0)).unwrap();
+        assert_eq!(doubts.table_depth_m, -5.0);
+        let mut doubts = Doubts { table_depth_m: 990.0, ..Doubts::default() };
+        assert!(count(&mut doubts, 100.0, (4000.0, 1500.0)).unwrap_err().contains("= 990 that"));
         for (sd, depth_m, what) in
             [(-1.0, 4000.0, "0 to 100"), (f32::NAN, 4000.0, "0 to 100"), (5.0, 0.0, "depth_m")]
         {

@@ -11,8 +11,8 @@
 //! was found; it is not taken out of them, for elevations or a depth that are off look like it.
 //!
 //! Errors that are larger than their priors allow are a contradiction: it is said, and the priors grow until they allow them.
-//! Clocks are told against that of the first station, or of the next where that takes less of all others; what is said of that clock itself
-//! is in the positions along the vessel's way. A station that contradicts the
+//! Every clock is an unknown, none is right by itself: how late all are alike stays as unknown as it was said to be, and is in the positions along the
+//! vessel's way. They are told against that of the first station, or of the one against which the fewest others are off. A station that contradicts the
 //! others in most of the positions is left out of all of them: instant by instant it would now and then take another with it.
 //!
 //! Where no position has more angles than it needs nothing tells of them, and an error looks like a vessel somewhere else: what is
@@ -22,6 +22,7 @@
 //! error is in every position alike, and no number of them averages it out.
 
 mod instant;
+mod surprise;
 
 use super::sets::SightingSet;
 use super::way::Way;
@@ -53,9 +54,6 @@ const MOSTLY: f64 = 0.5;
 const SHOWN: f64 = 2.0;
 /// Own deviations from which on that is worth a line.
 const SURE: f64 = 3.3;
-/// Deviations of its own and its prior's from which on what was found is no chance: with two stations one in a thousand passages has
-/// one beyond it, with eight stations one in two hundred.
-const SURPRISING: f64 = 3.6;
 /// Deviations of its prior beyond which an error is named where there is a contradiction.
 const NAMED: f64 = 2.0;
 
@@ -111,45 +109,49 @@ pub fn positions(
     way: Way,
 ) -> Positions {
     let all = Heard { sets, way, bar: progress::bar(0, "fixes") };
-    let mut best = Fitted::simplest(&all, settings, shared, None);
+    let mut best = Fitted::simplest(&all, settings, shared);
     let at_first = best.aside();
     let left_out = at_first.iter().position(|(of, n)| *of >= LEAST_FIXES && *n as f64 > MOSTLY * *of as f64);
     let rest = left_out.map(|station| sets.iter().map(|set| set.without(station)).collect::<Vec<_>>());
     let heard = Heard { sets: rest.as_deref().unwrap_or(sets), ..all };
     if left_out.is_some() {
-        best = Fitted::simplest(&heard, settings, shared, None);
+        best = Fitted::simplest(&heard, settings, shared);
     }
     let mut made = best.fixes.iter().flatten().peekable();
     let checked = made.peek().is_none() || made.any(|fix| fix.freedom > 0);
     let told = best.unknowns().max(1.0);
     let excess = best.excess();
-    let surprising = best.surprising(shared);
-    let contradict = excess > misfit_limit(told.ceil() as u32) || surprising != *shared;
+    let contradicts =
+        |fitted: &Fitted| fitted.excess() > misfit_limit(fitted.unknowns().max(1.0).ceil() as u32);
+    let free = Fitted::simplest(&heard, settings, &surprise::free(shared));
+    let surprising = surprise::surprising(&free, shared);
+    let contradict = contradicts(&best) || surprising != *shared;
     if contradict {
-        // Errors beyond what was allowed first may explain all.
-        let growth = (excess / told).sqrt().max(1.0);
-        let grown =
-            surprising.map(|s| SharedError { azimuth: growth * s.azimuth, clock_s: growth * s.clock_s });
-        best = Fitted::simplest(&heard, settings, &grown, None);
-        best = best.against_the_right_clock(&heard, &grown, |found, k| found.told(shared)[k].beyond.1);
+        // One error that is larger than was said may explain all; else all first may be.
+        best = Fitted::simplest(&heard, settings, &surprising);
+        if contradicts(&best) {
+            let growth = (best.excess() / best.unknowns().max(1.0)).sqrt().max(1.0);
+            let grown =
+                surprising.map(|s| SharedError { azimuth: growth * s.azimuth, clock_s: growth * s.clock_s });
+            best = Fitted::simplest(&heard, settings, &grown);
+        }
     }
     let mut untold = [Lasting::NONE; MAX_ARRAYS];
-    let mut clock_of = best.clock_of;
+    let mut clock_of = best.clock_of(shared);
+    let mut within = if contradict { [Lasting::NONE; MAX_ARRAYS] } else { best.within(said) };
     if !contradict && checked && said != shared {
         let wide = wider(shared, said, (excess / told).sqrt().max(1.0));
-        let shows = |found: &Fitted, k: usize| found.stands_out(MAX_ARRAYS + k) > SHOWN;
-        let found = Fitted::of(&heard, &best.settings, &wide, None);
-        let found = found.against_the_right_clock(&heard, &wide, shows);
-        best = Fitted::of(&heard, &best.settings, said, None);
+        let found = Fitted::of(&heard, &best.settings, &wide);
+        best = Fitted::of(&heard, &best.settings, said);
+        (clock_of, within) = (best.clock_of(said), best.within(said));
         // One station's orientation and another's clock stand for each other: of all that nobody told of what was found counts, or of none.
         if found.shows_untold(said) {
-            (untold, clock_of) = (found.untold(said), found.clock_of);
-            best.count(&found, said);
+            (untold, clock_of, within) = (found.untold(said), found.clock_of(said), found.within(said));
+            best.count(&found);
         }
     }
     heard.bar.finish_and_clear();
     let contradicted = contradict.then(|| best.told(shared));
-    let within = if contradict { [Lasting::NONE; MAX_ARRAYS] } else { best.within(said) };
     let others = best.aside();
     let aside = core::array::from_fn(|k| if left_out == Some(k) { at_first[k] } else { others[k] });
     let scatter = best.scatter();
@@ -198,11 +200,11 @@ struct Fitted {
     fixes: Vec<Result<Fix, NetworkError>>,
     velocities: Vec<Velocity>,
     prior: [f64; N],
-    /// The station against whose clock the others' are told, and the deviation of that.
-    clock_of: Option<usize>,
-    clock_sd_s: f64,
     state: [f64; N],
     covariance: Square<N>,
+    /// What the bearings alone tell of the errors, in units of their priors: `A/κ`, and `A/κ` times what they say the errors are.
+    information: Square<N>,
+    pull: [f64; N],
     misfit: f64,
     freedom: f64,
     /// Variance of a mean of residuals over that of as many independent ones.
@@ -213,40 +215,26 @@ struct Fitted {
 
 impl Fitted {
     /// With no array set aside, where errors that last explain what they disagree in; else instant by instant.
-    /// `clock_of`: the station against whose clock the others' are told; else the first.
-    fn simplest(
-        heard: &Heard<'_>,
-        settings: &FixSettings,
-        shared: &[SharedError; MAX_ARRAYS],
-        clock_of: Option<usize>,
-    ) -> Self {
-        let whole = Self::of(heard, &FixSettings { robust: false, ..*settings }, shared, clock_of);
-        if whole.explains() || !settings.robust { whole } else { Self::of(heard, settings, shared, clock_of) }
+    fn simplest(heard: &Heard<'_>, settings: &FixSettings, shared: &[SharedError; MAX_ARRAYS]) -> Self {
+        let whole = Self::of(heard, &FixSettings { robust: false, ..*settings }, shared);
+        if whole.explains() || !settings.robust { whole } else { Self::of(heard, settings, shared) }
     }
 
-    fn of(
-        heard: &Heard<'_>,
-        settings: &FixSettings,
-        shared: &[SharedError; MAX_ARRAYS],
-        clock_of: Option<usize>,
-    ) -> Self {
+    fn of(heard: &Heard<'_>, settings: &FixSettings, shared: &[SharedError; MAX_ARRAYS]) -> Self {
         let mut prior = [0.0; N];
         for (k, of) in shared.iter().enumerate() {
             (prior[k], prior[MAX_ARRAYS + k]) = (of.azimuth, of.clock_s);
         }
-        let first = heard.sets.iter().flat_map(|set| &set.stations).min().copied();
-        let clock_of = clock_of.or(first);
-        let clock_sd_s = clock_of.map_or(0.0, |k| core::mem::take(&mut prior[MAX_ARRAYS + k]));
         let mut new = Self {
             settings: *settings,
             sets: heard.sets.to_vec(),
             fixes: heard.located(heard.sets, settings),
             velocities: Vec::new(),
             prior,
-            clock_of,
-            clock_sd_s,
             state: [0.0; N],
             covariance: identity(),
+            information: [[0.0; N]; N],
+            pull: [0.0; N],
             misfit: 0.0,
             freedom: 0.0,
             common: 1.0,
@@ -302,6 +290,8 @@ impl Fitted {
             let right: [f64; N] = core::array::from_fn(|k| (pull[k] + moved[k]) / noise);
             self.state = spd::times(&covariance, &right);
             self.covariance = covariance;
+            self.information = information.map(|row| row.map(|x| x / noise));
+            self.pull = right;
             let change: [f64; N] = core::array::from_fn(|k| self.state[k] - before[k]);
             self.misfit =
                 misfit - 2.0 * spd::dot(&change, &pull) + spd::quadratic(&change, &information, &change);
@@ -363,48 +353,6 @@ impl Fitted {
         self.state.iter().map(|w| w * w).sum()
     }
 
-    /// Where the clocks of all but the first of three or more stations are `off`, it is mostly the clock they are told against: the fit with
-    /// the second's in its place, if less is then off.
-    fn against_the_right_clock(
-        self,
-        heard: &Heard<'_>,
-        shared: &[SharedError; MAX_ARRAYS],
-        off: impl Fn(&Self, usize) -> bool,
-    ) -> Self {
-        let is_heard = |k: &usize| self.sets.iter().any(|set| set.stations.contains(k));
-        let others: Vec<usize> = (0..MAX_ARRAYS).filter(is_heard).skip(1).collect();
-        let next = others.first().filter(|_| others.len() >= 2 && others.iter().all(|k| off(&self, *k)));
-        let Some(next) = next.copied() else { return self };
-        let other = Self::simplest(heard, &self.settings, shared, Some(next));
-        if other.excess() < self.excess() { other } else { self }
-    }
-
-    /// What was said, and of what the bearings contradict as much as it would have to be. An error that the bearings tell to a deviation `σ` has, where
-    /// the prior holds, a mean of `w` priors with the variance `1 − C` of them (`C`: what is left of the prior's); without the prior it is
-    /// `w / (1 − C)`. So a clock that is said to be right to a millisecond shows what it is, though by its prior it moved by nothing.
-    fn surprising(&self, said: &[SharedError; MAX_ARRAYS]) -> [SharedError; MAX_ARRAYS] {
-        let grown = |k: usize, said: f64| {
-            let told = 1.0 - self.covariance[k][k];
-            let by = self.state[k].abs();
-            if told > f64::EPSILON && by > SURPRISING * told.sqrt() {
-                said * (by / told).max(1.0)
-            } else {
-                said
-            }
-        };
-        let mut all = core::array::from_fn(|k| SharedError {
-            azimuth: grown(k, said[k].azimuth),
-            clock_s: grown(MAX_ARRAYS + k, said[k].clock_s),
-        });
-        // Where a clock is late against another, either may be the wrong one.
-        let late = all.iter().zip(said).filter(|(all, said)| all.clock_s > said.clock_s);
-        let late_s = late.map(|(all, _)| all.clock_s).fold(0.0, f64::max);
-        if let Some(k) = self.clock_of {
-            all[k].clock_s = all[k].clock_s.max(late_s);
-        }
-        all
-    }
-
     /// Whether the residuals are about as large as claimed.
     fn explains(&self) -> bool {
         self.used >= LEAST_FIXES && self.misfit <= EXPLAINED * self.freedom
@@ -425,15 +373,11 @@ impl Fitted {
 
     /// Whether any error shows of those that nobody told of.
     fn shows_untold(&self, said: &[SharedError; MAX_ARRAYS]) -> bool {
-        said.iter().enumerate().any(|(k, said)| {
-            said.azimuth <= 0.0 && self.stands_out(k) > SHOWN
-                || said.clock_s <= 0.0 && self.stands_out(MAX_ARRAYS + k) > SHOWN
+        let of = self.told(said);
+        of.iter().zip(said).any(|(of, said)| {
+            said.azimuth <= 0.0 && stands_out(of.azimuth) > SHOWN
+                || said.clock_s <= 0.0 && stands_out(of.clock_s) > SHOWN
         })
-    }
-
-    /// What was found of one error in its own deviations.
-    fn stands_out(&self, k: usize) -> f64 {
-        self.state[k].abs() / self.covariance[k][k].sqrt().max(f64::MIN_POSITIVE)
     }
 
     /// What was found of each station; `beyond` where nobody told of it and it is sure to be there.
@@ -449,63 +393,63 @@ impl Fitted {
     /// What was found of each station; `beyond` where it is sure to be there and `counts`, by what was said of it.
     fn sure(&self, said: &[SharedError; MAX_ARRAYS], counts: impl Fn(f64) -> bool) -> [Lasting; MAX_ARRAYS] {
         let mut all = self.told(said);
-        for (k, (of, said)) in all.iter_mut().zip(said).enumerate() {
-            let sure = |k: usize, said: f64| counts(said) && self.stands_out(k) > SURE;
-            of.beyond = (sure(k, said.azimuth), sure(MAX_ARRAYS + k, said.clock_s));
+        for (of, said) in all.iter_mut().zip(said) {
+            let sure = |of: (f64, f64), said: f64| counts(said) && stands_out(of) > SURE;
+            of.beyond = (sure(of.azimuth, said.azimuth), sure(of.clock_s, said.clock_s));
         }
         all
     }
 
-    /// Counts what another fit found of errors that nobody told of, and what it leaves unknown of all, in the positions' errors.
-    fn count(&mut self, found: &Self, said: &[SharedError; MAX_ARRAYS]) {
-        let untold: [f64; N] = core::array::from_fn(|k| {
-            let said = &said[k % MAX_ARRAYS];
-            let told = if k < MAX_ARRAYS { said.azimuth } else { said.clock_s };
-            if told > 0.0 { 0.0 } else { found.state[k] }
-        });
-        (self.prior, self.clock_sd_s) = (found.prior, found.clock_sd_s);
+    /// Counts in the positions' errors by how much another fit, in which what nobody told of is looked for, finds other errors, and what it leaves
+    /// unknown of all.
+    fn count(&mut self, found: &Self) {
+        // Of what nobody told of nothing is taken out here; of the rest the priors are the same.
+        let other: [f64; N] =
+            core::array::from_fn(|k| found.state[k] - if self.prior[k] > 0.0 { self.state[k] } else { 0.0 });
+        self.prior = found.prior;
         self.covariance = found.covariance;
-        for (row, a) in self.covariance.iter_mut().zip(untold) {
-            for (x, b) in row.iter_mut().zip(untold) {
+        for (row, a) in self.covariance.iter_mut().zip(other) {
+            for (x, b) in row.iter_mut().zip(other) {
                 *x += a * b;
             }
         }
     }
 
-    fn told(&self, shared: &[SharedError; MAX_ARRAYS]) -> [Lasting; MAX_ARRAYS] {
-        let of = |k: usize| (self.prior[k] * self.state[k], self.prior[k] * self.covariance[k][k].sqrt());
-        let one = |k: usize| {
-            let (azimuth, clock_s) = (of(k), of(MAX_ARRAYS + k));
-            let beyond = (
-                azimuth.0.abs() > NAMED * azimuth.1.max(shared[k].azimuth).max(f64::MIN_POSITIVE),
-                clock_s.0.abs() > NAMED * clock_s.1.max(shared[k].clock_s).max(f64::MIN_POSITIVE),
-            );
-            Lasting { azimuth, clock_s, beyond }
-        };
-        core::array::from_fn(one)
+    /// What was found of each station, clocks against one of them.
+    fn told(&self, said: &[SharedError; MAX_ARRAYS]) -> [Lasting; MAX_ARRAYS] {
+        self.clock_of(said).map_or([Lasting::NONE; MAX_ARRAYS], |of| self.told_against(said, of))
     }
 
-    /// Mean square of the error of the clock that the others' are told against, seconds²: its prior, and those of the others, which are late by as
-    /// much more than it as was found.
-    fn clock_s2(&self) -> f64 {
-        let is_heard =
-            |k: &usize| self.clock_of != Some(*k) && self.sets.iter().any(|s| s.stations.contains(k));
-        let others = || (0..MAX_ARRAYS).filter(is_heard).map(|k| MAX_ARRAYS + k);
-        if self.clock_sd_s <= 0.0 {
-            return 0.0;
-        }
-        let (mut weight, mut pull) = (self.clock_sd_s.powi(-2), 0.0);
-        for k in others().filter(|k| self.prior[*k] > 0.0) {
-            let of = 1.0 / (self.prior[k].powi(2) * (1.0 + self.covariance[k][k]));
-            weight += of;
-            pull -= of * self.prior[k] * self.state[k];
-        }
-        (pull / weight).powi(2) + 1.0 / weight
+    fn told_against(&self, said: &[SharedError; MAX_ARRAYS], of: usize) -> [Lasting; MAX_ARRAYS] {
+        let one = |k: usize| {
+            let azimuth = (self.prior[k] * self.state[k], self.prior[k] * self.covariance[k][k].sqrt());
+            let mut against = [0.0; N];
+            against[MAX_ARRAYS + k] += self.prior[MAX_ARRAYS + k];
+            against[MAX_ARRAYS + of] -= self.prior[MAX_ARRAYS + of];
+            let variance = spd::quadratic(&against, &self.covariance, &against);
+            let clock_s = (spd::dot(&against, &self.state), variance.max(0.0).sqrt());
+            let both = said[k].clock_s.hypot(said[of].clock_s);
+            let beyond = |x: (f64, f64), said: f64| x.0.abs() > NAMED * x.1.max(said).max(f64::MIN_POSITIVE);
+            Lasting { azimuth, clock_s, beyond: (beyond(azimuth, said[k].azimuth), beyond(clock_s, both)) }
+        };
+        core::array::from_fn(|k| if self.is_heard(k) { one(k) } else { Lasting::NONE })
+    }
+
+    /// The station against whose clock the others' are told: the one against which the fewest are off, of as many the first.
+    fn clock_of(&self, said: &[SharedError; MAX_ARRAYS]) -> Option<usize> {
+        let off = |of: &usize| {
+            let all = self.told_against(said, *of);
+            all.iter().filter(|of| stands_out(of.clock_s) > NAMED).count()
+        };
+        (0..MAX_ARRAYS).filter(|k| self.is_heard(*k)).min_by_key(off)
+    }
+
+    fn is_heard(&self, station: usize) -> bool {
+        self.sets.iter().any(|set| set.stations.contains(&station))
     }
 
     /// The positions, what lasts in their covariances. `noise`: what the residuals show more than was claimed.
     fn stated(self, noise: f64, agree: bool) -> Vec<Result<Fix, NetworkError>> {
-        let clock_s2 = self.clock_s2();
         let state = |((set, fix), v): ((&SightingSet, Result<Fix, NetworkError>), &Velocity)| {
             let mut fix = fix?;
             let own = if fix.consistent { 1.0 } else { fix.misfit / f64::from(fix.freedom.max(1)) };
@@ -517,11 +461,6 @@ impl Fitted {
                     *x += add;
                 }
             }
-            for (row, a) in fix.covariance_m2.iter_mut().zip(v.m_s) {
-                for (x, b) in row.iter_mut().zip(v.m_s) {
-                    *x += clock_s2 * a * b;
-                }
-            }
             fix.consistent &= agree;
             let far = set.sightings.iter().map(|s| distance_m(s, &fix.position_m)).fold(0.0, f64::max);
             let sd = spd::largest_eigenvalue(&fix.covariance_m2).sqrt();
@@ -529,6 +468,11 @@ impl Fitted {
         };
         self.sets.iter().zip(self.fixes).zip(&self.velocities).map(state).collect()
     }
+}
+
+/// What was found in its own deviations.
+fn stands_out((found, sd): (f64, f64)) -> f64 {
+    found.abs() / sd.max(f64::MIN_POSITIVE)
 }
 
 fn identity() -> Square<N> {

@@ -171,7 +171,7 @@ fn told(arrays_m: [[f64; 3]; 2], aside_m: f64, told: SharedError) -> (f64, f64) 
         }
         let sets = gather(&mut rows, &arrays_m);
         let heard = Heard { sets: &sets, way: Way::straight(SOUND_M_S), bar: progress::bar(0, "fixes") };
-        let late = Fitted::simplest(&heard, &settings, &shared, None).told(&shared)[1].clock_s;
+        let late = Fitted::simplest(&heard, &settings, &shared).told(&shared)[1].clock_s;
         late2 += ((late.0 - (off[1].1 - off[0].1)) / late.1).powi(2);
         let found = positions(&sets, &settings, &shared, &shared, Way::straight(SOUND_M_S));
         for (set, fix) in sets.iter().zip(&found.fixes).filter(|(set, _)| set.stations.len() == 2) {
