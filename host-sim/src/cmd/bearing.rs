@@ -94,21 +94,14 @@ pub fn run(args: Args) -> Result<()> {
     if !args.json {
         eprintln!("{accepted} of {} sets accepted", results.len());
     }
-    let below = results.iter().filter(|r| r.below).count();
-    if below > 0 {
-        log::warn!(
-            "{}: {below} of {} sets point below the horizon, where no vessel of this station is, and are not accepted",
-            args.tdoa.display(),
-            results.len()
-        );
-    }
-    let echoes = results.iter().filter(|r| r.echo).count();
-    if echoes > 0 {
-        log::warn!(
-            "{}: {echoes} of {} sets point the way of those about them at another elevation, as an echo does, and are not accepted",
-            args.tdoa.display(),
-            results.len()
-        );
+    let count = |of: fn(&SetResult) -> bool| results.iter().filter(|r| of(r)).count();
+    for (n, what) in [
+        (count(|r| r.below), "point below the horizon, where no vessel of this station is"),
+        (count(|r| r.echo), "point the way of those about them at another elevation, as an echo does"),
+    ] {
+        if n > 0 {
+            log::warn!("{}: {n} of {} sets {what}, and are not accepted", args.tdoa.display(), results.len());
+        }
     }
     if accepted == 0 {
         bail!(
