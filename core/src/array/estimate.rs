@@ -96,7 +96,7 @@ pub(super) struct Context<'a> {
 impl Context<'_> {
     /// Curvature of the wavefront from a direction and its standard deviation, 1/m.
     pub(super) fn curvature(&self, u: &Direction) -> (f32, f32) {
-        self.places.curvature(u, self.plan.curvature)
+        self.places.curvature(u, self.plan)
     }
 
     /// Variance of a bin's coherence under noise alone, averaged over so many segments that overlap by half.
@@ -112,6 +112,12 @@ impl Context<'_> {
     #[inline(never)]
     pub(super) fn delays(&self, u: &Direction, curvature: f32) -> [f32; PAIR_COUNT] {
         wavefront::pair_delays(&wavefront::arrivals(&self.plan.geometry, u, curvature))
+    }
+
+    /// The pairs' delays, seconds, at which what is in a direction is heard, as far away as is known.
+    #[inline(never)]
+    pub(super) fn delays_from(&self, u: &Direction) -> [f32; PAIR_COUNT] {
+        self.delays(u, self.curvature(u).0)
     }
 
     /// Sum of a coherence over the detection band.

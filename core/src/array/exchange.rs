@@ -242,8 +242,9 @@ impl Exchange {
             }
             let at = known.expected(step);
             let (e, half) = (wavefront::tangents(&at), half_apart(plan, &at));
+            let (curvature, _) = plan.curvature_from(&at);
             let [low, high] = [-half, half].map(|up| {
-                wavefront::arrivals(&plan.geometry, &wavefront::stepped(&at, &e, 0.0, up), plan.curvature)
+                wavefront::arrivals(&plan.geometry, &wavefront::stepped(&at, &e, 0.0, up), curvature)
             });
             for (p, (i, j)) in PAIRS.into_iter().enumerate() {
                 // The pair may hold any two hydrophones, and orders share them.
@@ -269,7 +270,8 @@ impl Exchange {
     fn through(&mut self, plan: &Plan, peaks: &[PairPeaks; PAIR_COUNT], step: u32) -> Option<Direction> {
         let mut any = false;
         for known in self.known.iter_mut().filter(|k| k.found > 0) {
-            let arrivals = wavefront::arrivals(&plan.geometry, &known.expected(step), plan.curvature);
+            let at = known.expected(step);
+            let arrivals = wavefront::arrivals(&plan.geometry, &at, plan.curvature_from(&at).0);
             let mut delays = wavefront::pair_delays(&heard(&arrivals, self.order));
             let mut weight = [EXPECTED; PAIR_COUNT];
             let drift = DRIFT_RAD * step.wrapping_sub(known.segment) as f32;

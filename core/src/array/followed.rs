@@ -161,7 +161,7 @@ impl Followed {
     ) -> bool {
         let plan = context.plan;
         self.known.iter().filter(|known| known.found > 0 && (known.led || !led)).any(|known| {
-            let delays = context.delays(&known.expected(segment), plan.curvature);
+            let delays = context.delays_from(&known.expected(segment));
             delays.get(pair).is_some_and(|tau| m::abs(tau - delay_s) * plan.rate_hz < samples)
         })
     }
@@ -173,7 +173,7 @@ impl Followed {
         segment: u32,
     ) -> impl Iterator<Item = [f32; PAIR_COUNT]> + 'a {
         let lasting = self.known.iter().filter(|known| known.lasts());
-        lasting.map(move |known| context.delays(&known.expected(segment), context.plan.curvature))
+        lasting.map(move |known| context.delays_from(&known.expected(segment)))
     }
 
     /// What is next: each that is followed, then an octave or, every [`SECOND_EVERY`] segments, a search; sooner where another is followed and where one found is to be

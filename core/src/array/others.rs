@@ -141,7 +141,7 @@ pub(super) fn search(
     let known = memory.others.known;
     for known in known.iter().filter(|k| k.lasts()) {
         let at = known.expected(segment);
-        let tau = context.delays(&at, context.curvature(&at).0);
+        let tau = context.delays_from(&at);
         let raw = &mut scratch.spectrum.raw;
         refine::coherence(plan, context.band, spectra, &tau, raw);
         for c in raw.iter_mut() {

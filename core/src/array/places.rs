@@ -1,8 +1,9 @@
 //! Where vessels are whose tracks know their distance.
 //!
 //! In: azimuth and distance of each, and how well that is known. Out: the curvature of the wavefront from a direction: that of the vessel there, or of
-//! the reference range where no track is near, for one vessel's distance says nothing of another's.
+//! where the direction meets the surface where no track is near, for one vessel's distance says nothing of another's.
 
+use super::plan::Plan;
 use super::wavefront::Direction;
 use crate::angle::wrap_pi_f32;
 use crate::math::f32 as m;
@@ -12,8 +13,6 @@ const PLACES: usize = 8;
 /// A source farther than this from where a vessel was last heard is not taken for it, radians (10°): at 100 m a fast one
 /// moves so far in a second.
 const NEAR_RAD: f32 = 0.175;
-/// Relative standard deviation of a curvature of which nothing is known.
-const UNKNOWN: f32 = 0.6;
 /// Nearer than this no distance is believed, metres.
 const LEAST_M: f32 = 5.0;
 
@@ -42,14 +41,15 @@ impl Places {
         all
     }
 
-    /// Curvature of the wavefront from a direction and its standard deviation, 1/m; where no vessel is known there, that of
-    /// the `reference`, which may be anything from half as far as infinitely far.
-    pub(super) fn curvature(&self, direction: &Direction, reference: f32) -> (f32, f32) {
+    /// Curvature of the wavefront from a direction and its standard deviation, 1/m: of a vessel known there, where its distance is known better than by
+    /// the direction alone ([`Plan::curvature_from`]).
+    pub(super) fn curvature(&self, direction: &Direction, plan: &Plan) -> (f32, f32) {
         let azimuth = m::atan2(direction[0], direction[1]);
-        let (mut nearest, mut found) = (NEAR_RAD, (reference, UNKNOWN * reference));
+        let unseen = plan.curvature_from(direction);
+        let (mut nearest, mut found) = (NEAR_RAD, unseen);
         for (at, curvature, sd) in self.known.iter().take(self.len) {
             let apart = m::abs(wrap_pi_f32(azimuth - at));
-            if apart < nearest {
+            if apart < nearest && *sd < unseen.1 {
                 (nearest, found) = (apart, (*curvature, *sd));
             }
         }
@@ -59,17 +59,37 @@ impl Places {
 
 #[cfg(test)]
 mod tests {
+    use super::super::test_sea::planned;
     use super::*;
+
+    fn towards(azimuth: f32) -> Direction {
+        [0.8 * m::sin(azimuth), 0.8 * m::cos(azimuth), 0.6]
+    }
 
     #[test]
     fn every_source_has_the_distance_of_the_vessel_in_its_direction_and_no_other() {
+        let plan = planned(16_000.0, |array| array.vessel_depth_m = 0.0);
         let places = Places::of(
             [(0.1, 170.0, 9.0), (3.0, 900.0, 9.0), (1.0, f32::NAN, 9.0), (1.5, 2.0, 9.0)].into_iter(),
         );
-        let towards = |azimuth: f32| [0.8 * m::sin(azimuth), 0.8 * m::cos(azimuth), 0.6];
-        let range = |azimuth: f32| 1.0 / places.curvature(&towards(azimuth), 1.0 / 500.0).0;
+        let range = |azimuth: f32| 1.0 / places.curvature(&towards(azimuth), &plan).0;
         for (azimuth, range_m) in [(0.12, 170.0), (-0.05, 170.0), (2.95, 900.0), (1.5, 500.0), (1.0, 500.0)] {
             assert!((range(azimuth) - range_m).abs() < 0.1, "{azimuth}");
         }
+    }
+
+    #[test]
+    fn under_a_surface_a_direction_tells_the_distance_unless_a_track_knows_it_better() {
+        let plan = planned(16_000.0, |array| array.vessel_depth_m = 4.0);
+        let far_m = plan.depth_m / 0.6;
+        let places = Places::of([(0.1, 170.0, 1.0), (3.0, 170.0, 90.0)].into_iter());
+        for (azimuth, range_m) in [(0.1, 170.0), (3.0, far_m), (2.0, far_m)] {
+            let (curvature, sd) = places.curvature(&towards(azimuth), &plan);
+            assert!((1.0 / curvature - range_m).abs() < 0.1, "{azimuth}");
+            assert!(sd < 0.05 * curvature, "{azimuth}");
+        }
+        let [east, north, up] = towards(2.0);
+        let from_below = 1.0 / places.curvature(&[east, north, -up], &plan).0;
+        assert!((from_below - 500.0).abs() < 0.1, "{from_below}");
     }
 }

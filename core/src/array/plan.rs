@@ -3,7 +3,7 @@
 use super::chain::BRIDGE;
 use super::detect;
 use super::transform::{RUN, window};
-use super::wavefront::Used;
+use super::wavefront::{Direction, Used};
 use crate::block::CHANNELS;
 use crate::config::{ConfigError, Kind, StationConfig};
 use crate::demon;
@@ -17,6 +17,10 @@ use core::num::NonZeroU64;
 /// Least relative standard deviation of the speed of sound: what frames do not share of long delays looks like so much of it.
 /// Three hydrophones take it for a direction.
 const LEAST_SPEED_SD: f64 = 1e-4;
+/// Relative standard deviation of a curvature of which nothing is known: from half as far as the reference to infinitely far.
+const UNKNOWN_CURVATURE: f32 = 0.6;
+/// Standard deviation of the sine of the elevation by which a vessel's distance is told, by how deep it is and what echoes do.
+const RISE_SD: f32 = 0.02;
 
 /// Part of the sampling rate up to which converters and resamplers pass sound as it was. What fades beyond it is heard by all hydrophones alike
 /// and would pass for fringes of a surface.
@@ -347,6 +351,17 @@ impl Plan {
     /// What the shaft rate is made with; `None` where the sampling rate is too low for it.
     pub fn shaft(&self) -> Option<&demon::Config> {
         self.shaft.as_ref()
+    }
+
+    /// Curvature of the wavefront from a direction and its standard deviation, 1/m: of what is where the direction meets the surface, as vessels are; under
+    /// none, or from below, of the reference range.
+    pub(crate) fn curvature_from(&self, direction: &Direction) -> (f32, f32) {
+        let up = direction[2];
+        if self.vessel_over_array_depth > 0.0 && up > 0.0 {
+            (up / self.depth_m, RISE_SD / self.depth_m)
+        } else {
+            (self.curvature, UNKNOWN_CURVATURE * self.curvature)
+        }
     }
 
     /// Bit h: hydrophone h is on one of these recorder channels (bit c: channel c).

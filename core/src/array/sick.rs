@@ -330,7 +330,8 @@ impl Turned<'_> {
     pub(crate) fn is(&self, search: &mut SearchWork, h: usize) -> bool {
         search.turn(h);
         let u = search.best(self.plan, self.band, self.plan.curvature);
-        let tau = wavefront::pair_delays(&wavefront::arrivals(&self.plan.geometry, &u, self.plan.curvature));
+        let (curvature, _) = self.plan.curvature_from(&u);
+        let tau = wavefront::pair_delays(&wavefront::arrivals(&self.plan.geometry, &u, curvature));
         let turned: f32 = tau.iter().enumerate().map(|(p, tau)| search.pair_value(self.plan, p, *tau)).sum();
         turned > TURNED * self.found && turned > EXPLAINED * self.most
     }

@@ -46,8 +46,8 @@ impl Normal {
     }
 }
 
-/// What a source gives the hydrophones from a direction, 500 m away: white, or falling by 6 dB an octave above a knee, with
-/// this root mean square.
+/// What a source gives the hydrophones from a direction, at the surface or, where there is none, 500 m away: white, or falling by 6 dB an octave
+/// above a knee, with this root mean square.
 pub(super) fn source(
     plan: &Plan,
     (azimuth, elevation): (f64, f64),
@@ -70,8 +70,9 @@ pub(super) fn source(
             last
         })
         .collect();
-    let delays =
-        wavefront::arrivals(plan.geometry(), &unit_vector(azimuth as f32, elevation as f32), 1.0 / 500.0);
+    let direction = unit_vector(azimuth as f32, elevation as f32);
+    let (curvature, _) = plan.curvature_from(&direction);
+    let delays = wavefront::arrivals(plan.geometry(), &direction, curvature);
     let filters = delays.map(|t| {
         let delay = f64::from(t) * rate;
         let whole = delay.floor();
