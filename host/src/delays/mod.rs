@@ -168,6 +168,9 @@ pub fn solve_rows(
         config.geometry().map_err(|e| anyhow!("the station's hydrophones give no bearings: {e:?}"))?;
     let solver = Solver::new(&geometry, array.reference_range_m, tolerance_s, array.elevation_deg)
         .uncertain(array.position_sd_m, array.sound_speed_sd_m_s);
+    let is_below = config.depth_m >= WELL_BELOW_M;
+    let solver =
+        if is_below && array.vessel_depth_m > 0.0 { solver.under_surface(config.depth_m) } else { solver };
     rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let told = Told {
         range_m: array.reference_range_m,
@@ -193,7 +196,7 @@ pub fn solve_rows(
     let mut continuity = Continuity::new();
     let of = |[t_s, delays @ ..]: [f64; 7]| {
         let solution = solver.solve(&mut continuity, t_s, &delays.map(|d| d as f32));
-        let below = config.depth_m >= WELL_BELOW_M && solution.as_ref().is_some_and(points_down);
+        let below = is_below && solution.as_ref().is_some_and(points_down);
         SetResult { t_s, solution, below, echo: false }
     };
     let mut sets: Vec<SetResult> = rows.into_iter().map(of).collect();

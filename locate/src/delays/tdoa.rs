@@ -38,7 +38,10 @@ const DROP_COST: f32 = 0.35;
 #[derive(Clone, Debug)]
 pub struct Solver {
     geometry: Geometry,
+    /// Of wavefronts whose source no surface tells the distance of, 1/m.
     curvature: f32,
+    /// Of the depth below a surface that sources are at, 1/m; 0: none.
+    per_depth: f32,
     /// Greatest root-mean-square residual of a consistent set, s.
     tolerance_s: f32,
     /// Range of sines of elevation admitted.
@@ -109,12 +112,24 @@ impl Solver {
         Self {
             geometry: *geometry,
             curvature: (1.0 / range_m) as f32,
+            per_depth: 0.0,
             tolerance_s: tolerance_s.map_or(RESIDUAL_SHARE * longest, |t| t as f32),
             elevation: (sine(elevation_deg.0), sine(elevation_deg.1)),
             position_sd_s: 0.0,
             speed_sd: 0.0,
             late_s: [0.0; CHANNELS],
         }
+    }
+
+    /// The same for sources at a surface this far above the array (m): how far away what comes from above is, its elevation tells, and `range_m` nothing.
+    #[must_use]
+    pub fn under_surface(self, depth_m: f64) -> Self {
+        Self { per_depth: (1.0 / depth_m) as f32, ..self }
+    }
+
+    /// Curvature of the wavefront from a direction, 1/m.
+    fn curvature(&self, u: &Direction) -> f32 {
+        if self.per_depth > 0.0 && u[2] > 0.0 { u[2] * self.per_depth } else { self.curvature }
     }
 
     /// The same for hydrophones whose coordinates, and a speed of sound which, are known to such standard deviations (m, m/s):
@@ -240,7 +255,11 @@ impl Solver {
         };
         let (direction, inverse) = reweighted(start, STEPS, equations, advance)?;
         let inverse = inverse.map(|row| row.map(|x| x as f32));
-        let tau = wavefront::pair_delays(&wavefront::arrivals(&self.geometry, &direction, self.curvature));
+        let tau = wavefront::pair_delays(&wavefront::arrivals(
+            &self.geometry,
+            &direction,
+            self.curvature(&direction),
+        ));
         let mut square = 0.0;
         let mut of_hydrophone = [0.0f32; CHANNELS];
         for (p, ((i, j), (d, t))) in PAIRS.into_iter().zip(delays.iter().zip(&tau)).enumerate() {
@@ -269,10 +288,10 @@ impl Solver {
 
     /// Normal equations of the tangent-plane step.
     fn linearised(&self, used: u8, delays: &[f32; PAIR_COUNT], u: &Direction) -> Normal<2> {
-        let e = wavefront::tangents(u);
-        let g1 = wavefront::pair_delays(&wavefront::gradient(&self.geometry, u, &e.0, self.curvature));
-        let g2 = wavefront::pair_delays(&wavefront::gradient(&self.geometry, u, &e.1, self.curvature));
-        let tau = wavefront::pair_delays(&wavefront::arrivals(&self.geometry, u, self.curvature));
+        let (e, curvature) = (wavefront::tangents(u), self.curvature(u));
+        let g1 = wavefront::pair_delays(&wavefront::gradient(&self.geometry, u, &e.0, curvature));
+        let g2 = wavefront::pair_delays(&wavefront::gradient(&self.geometry, u, &e.1, curvature));
+        let tau = wavefront::pair_delays(&wavefront::arrivals(&self.geometry, u, curvature));
         let mut normal = Normal::default();
         for (p, ((a1, a2), (d, t))) in g1.iter().zip(&g2).zip(delays.iter().zip(&tau)).enumerate() {
             if used >> p & 1 == 1 {
@@ -344,13 +363,12 @@ impl Solver {
         if self.position_sd_s == 0.0 && self.speed_sd == 0.0 && self.late_s == [0.0; CHANNELS] {
             return out;
         }
-        let e = wavefront::tangents(&fit.direction);
+        let (e, curvature) = (wavefront::tangents(&fit.direction), self.curvature(&fit.direction));
         let of = |t: &Direction| {
-            wavefront::pair_delays(&wavefront::gradient(&self.geometry, &fit.direction, t, self.curvature))
+            wavefront::pair_delays(&wavefront::gradient(&self.geometry, &fit.direction, t, curvature))
         };
         let (g1, g2) = (of(&e.0), of(&e.1));
-        let tau =
-            wavefront::pair_delays(&wavefront::arrivals(&self.geometry, &fit.direction, self.curvature));
+        let tau = wavefront::pair_delays(&wavefront::arrivals(&self.geometry, &fit.direction, curvature));
         // What a second of error of a hydrophone's arrival, and of all delays in proportion, does to the tangents.
         let mut moved = [[0.0f32; 2]; CHANNELS];
         let mut stretched = [0.0f32; 2];
@@ -395,7 +413,19 @@ mod tests {
 
     fn delays(s: &Solver, azimuth: f32, elevation: f32) -> [f32; 6] {
         let u = unit_vector(azimuth, elevation);
-        wavefront::pair_delays(&wavefront::arrivals(&s.geometry, &u, s.curvature))
+        wavefront::pair_delays(&wavefront::arrivals(&s.geometry, &u, s.curvature(&u)))
+    }
+
+    #[test]
+    fn a_source_at_the_surface_is_as_far_away_as_its_elevation_tells() {
+        let deep = solver().under_surface(60.0);
+        for elevation in [0.1f32, 0.5, 1.2] {
+            let measured = delays(&deep, 1.0, elevation);
+            let found = |s: &Solver| s.solve(&mut Continuity::new(), 0.0, &measured).unwrap();
+            let off = |x: DelaySolution| (x.azimuth - 1.0).hypot(x.elevation - elevation);
+            let [known, assumed] = [off(found(&deep)), off(found(&solver()))];
+            assert!(known < 1e-4 && assumed > 5.0 * known, "{elevation}: {known} {assumed}");
+        }
     }
 
     #[test]
