@@ -49,6 +49,7 @@ mod obs_core_clutter;
 mod obs_crowd;
 mod obs_doubts;
 mod obs_far;
+mod obs_first_motion;
 mod obs_four_ships;
 mod obs_gains;
 mod obs_loud;
@@ -201,6 +202,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_noisy::NOISY,
     obs_gains::GAINS,
     obs_onsets::ONSETS,
+    obs_first_motion::FIRST_MOTION,
     obs_spectra::SPECTRA,
     obs_speeds::SPEEDS,
     obs_turns::TURNS,

@@ -6,6 +6,7 @@
 //!
 //! - Sign of pressure and vertical motion, and a vertical component in a horizontal one's place (`signs`): that something is wrong
 //!   ([`FaultCode::SignInDoubt`]), and later what.
+//!   Where no vessels have passed yet, by earthquakes (`first_motion`).
 //! - Gain of the horizontal components: by noise and by vessels (`gains`).
 //! - A horizontal component that hears nothing: while vessels pass the other (`deaf`); until that is known no direction is told (`unheard`).
 //! - Pressure exchanged with a component of motion: what is called so has no part in some vessels' sound (`misplaced`).
@@ -67,6 +68,8 @@ pub(super) struct Minute {
     pub(super) speed_m_s: Option<f32>,
     /// Whether sound from above moves the ground with the sign of its pressure.
     pub(super) towards: bool,
+    /// Whether sounds from below have, where that is known ([`super::first_motion`]).
+    pub(super) from_below: Option<bool>,
     /// Instants of a whole one.
     pub(super) whole: u64,
 }
@@ -160,7 +163,7 @@ impl Checks {
         if is_measure && minute.heard != Heard::Other {
             self.misplaced.minute(&m);
         }
-        self.tell_order(minute.towards, minute.index, faults, sink);
+        self.tell_order(minute, faults, sink);
         self.tell_gain(minute.index, faults, sink);
         if is_measure {
             let Minute { several, speed_m_s, .. } = *minute;
@@ -192,7 +195,8 @@ impl Checks {
         self.unheard.may_be_deaf()
     }
 
-    fn tell_order(&mut self, towards: bool, index: u64, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
+    fn tell_order(&mut self, minute: &Minute, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
+        let Minute { towards, index, .. } = *minute;
         if self.said_component == 0 && !self.in_doubt && self.signs.are_contrary() {
             self.in_doubt = true;
             self.signs.forget_right(towards);
@@ -200,7 +204,7 @@ impl Checks {
         }
         let vertical = self.signs.vertical();
         let found = match self.misplaced.pressure() {
-            Pressure::Right => self.signs.wrong(towards),
+            Pressure::Right => self.signs.wrong(towards).or_else(|| self.by_first_motion(minute)),
             // An instrument that shakes leaves the vertical component its sign, which it has beside pressure alone.
             Pressure::Elsewhere(component, either)
                 if vertical.is_not(towards)
@@ -227,6 +231,16 @@ impl Checks {
         }
         if found > 0 {
             faults.note(code(found), index, u64::from(found), sink);
+        }
+    }
+
+    /// What sounds from below say is wrong, where vessels say nothing yet. That their sign is right ends no doubt: another component may be in the
+    /// vertical one's place.
+    fn by_first_motion(&self, minute: &Minute) -> Option<u8> {
+        if minute.from_below? == minute.towards {
+            Some(VERTICAL as u8)
+        } else {
+            (!self.in_doubt).then_some(0)
         }
     }
 
@@ -299,7 +313,15 @@ mod tests {
 
     /// Minute `n`, of a station whose vertical motion should go against pressure.
     fn minute(n: usize, heard: Heard) -> Minute {
-        Minute { index: n as u64, heard, several: false, speed_m_s: None, towards: false, whole: 3000 }
+        Minute {
+            index: n as u64,
+            heard,
+            several: false,
+            speed_m_s: None,
+            towards: false,
+            from_below: None,
+            whole: 3000,
+        }
     }
 
     /// What is said in so many minutes.
@@ -357,6 +379,41 @@ mod tests {
         let soft =
             |places| said(1200, Heard::Vessel, |n| order(&sound(n as f32 / 60.0, 4.0, [1.0, 0.8]), places));
         assert_eq!((soft([0, 1, 2, 3]), soft([3, 1, 2, 0])), (Vec::new(), Vec::new()));
+    }
+
+    /// What is said in a day of which minute `n` knows this of sounds from below, and of which a vessel, from minute 700 on, says that all is well.
+    fn of_earthquakes(
+        towards: bool,
+        from_below: impl Fn(usize) -> Option<bool>,
+    ) -> Vec<(FaultCode, i64, u64)> {
+        let (mut checks, mut faults, mut said) = (Checks::new(), Faults::new(), Vec::new());
+        for n in 0..1440 {
+            let (s, c) = math::f32::sin_cos(n as f32 / 60.0);
+            let up = if towards { 0.4 } else { -0.4 };
+            let heard = if n < 700 { Heard::Nothing } else { Heard::Vessel };
+            checks.hop(&vessel(if n < 700 { [0.0; 3] } else { [0.5 * c, 0.5 * s, up] }));
+            let minute = Minute { towards, from_below: from_below(n), ..minute(n, heard) };
+            checks.minute(&minute, &mut faults, &mut |m| {
+                if let Message::Fault(f) = m {
+                    said.push((f.code, f.value, f.index));
+                }
+            });
+        }
+        said
+    }
+
+    #[test]
+    fn earthquakes_tell_a_sign_until_vessels_do() {
+        let over = (FaultCode::SetUpGood, FaultCode::Reversed as i64);
+        for towards in [false, true] {
+            assert_eq!(of_earthquakes(towards, |n| (n > 300).then_some(!towards)), []);
+            let wrong = of_earthquakes(towards, |n| (n > 300).then_some(towards));
+            let [named, overruled] = wrong[..] else { panic!("{wrong:?}") };
+            assert_eq!(named, (FaultCode::Reversed, 3, 301));
+            assert!((overruled.0, overruled.1) == over && overruled.2 > 700, "{overruled:?}");
+            let back = of_earthquakes(towards, |n| (n > 300).then_some(towards == (n < 500)));
+            assert_eq!(back, [(FaultCode::Reversed, 3, 301), (over.0, over.1, 500)]);
+        }
     }
 
     /// What chance makes of a minute's coherence.

@@ -7,6 +7,7 @@
 //! instructions a sample instant.
 
 use super::decimate::DecimatorState;
+use super::first_motion::FirstMotions;
 use super::impulsive::Unevenness;
 use super::limits::{HOP, USED_CHANNELS};
 use super::mend::{Mender, Rails};
@@ -104,6 +105,7 @@ pub struct Hops {
     channels: Channels,
     unevenness: Unevenness,
     filtered: Filtered,
+    pub(super) first_motions: FirstMotions,
     /// Whether the hop before was spoilt.
     rings: bool,
     /// Whether the run goes on.
@@ -126,6 +128,7 @@ impl Hops {
             channels: Channels::new(),
             unevenness: Unevenness::new(),
             filtered: Filtered::new(),
+            first_motions: FirstMotions::NONE,
             rings: false,
             running: false,
         }
@@ -182,6 +185,7 @@ impl Hops {
             self.mender.restart();
             self.decimator.restart();
             self.filtered.begin(&plan.moments, first);
+            self.first_motions.begin();
         }
         self.look.see(run, frames, plan.clip);
         if run.mended == 0 {
@@ -192,7 +196,10 @@ impl Hops {
         // Each filter waits for its own past: one instant through all of them.
         for frame in frames {
             let [p, n, e, _] = frame;
-            filtered.push(&plan.moments, frame);
+            let passed = filtered.push(&plan.moments, frame);
+            if plan.onset_block > 0 {
+                self.first_motions.push(plan.onset_block, passed);
+            }
             let Some((x, spike)) = self.mender.push([p, n, e].map(|code| *code as f32)) else { continue };
             self.spikes += u64::from(spike);
             let Some(x) = plan.decimator.push(&mut self.decimator, x) else { continue };
@@ -271,5 +278,6 @@ impl Hops {
         self.rails = Rails::new();
         self.levels = Levels::new();
         self.channels = Channels::new();
+        self.first_motions = FirstMotions::NONE;
     }
 }

@@ -13,6 +13,7 @@ pub mod decimate;
 pub mod plan;
 mod travel;
 
+mod first_motion;
 mod hops;
 pub mod mend;
 mod moments;

@@ -150,9 +150,9 @@ impl Filtered {
         moments
     }
 
-    /// Takes an instant, which the caller counts.
+    /// Takes an instant, which the caller counts: what the filter lets through of it.
     #[inline(always)]
-    pub(super) fn push(&mut self, filter: &BandPass, frame: &Frame) {
+    pub(super) fn push(&mut self, filter: &BandPass, frame: &Frame) -> [f32; CHANNELS] {
         let (mut y, mut is_off) = ([0f32; CHANNELS], false);
         let states = self.first.iter_mut().zip(&mut self.second).zip(&self.limit);
         for ((y, ((s1, s2), limit)), code) in y.iter_mut().zip(states).zip(frame) {
@@ -165,7 +165,7 @@ impl Filtered {
         }
         if is_off {
             self.left_out += 1;
-            return;
+            return y;
         }
         let [pressure, north, east, vertical] = y;
         for ((power, product), y) in self.sums.power.iter_mut().zip(&mut self.sums.with_pressure).zip(y) {
@@ -176,6 +176,7 @@ impl Filtered {
         let [of_north, of_east] = &mut self.sums.with_vertical;
         *of_north += north * vertical;
         *of_east += east * vertical;
+        y
     }
 }
 

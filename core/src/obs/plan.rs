@@ -6,6 +6,7 @@
 use super::azigram::Band;
 use super::cauchy::WrappedCauchy;
 use super::decimate::{Decimator, factor_of, inner_rate_hz};
+use super::first_motion;
 use super::impulsive::Calls;
 use super::interference::Interference;
 use super::lasting::Lasting;
@@ -89,6 +90,8 @@ pub struct Plan<'t> {
     pub(super) tones: WrappedCauchy,
     pub(super) calls: Calls,
     pub(super) moments: BandPass,
+    /// Instants over which sounds that set in are summed; 0: the water is too shallow ([`super::first_motion`]).
+    pub(super) onset_block: u16,
     /// Whether the vertical component and pressure of sound from above have one sign.
     pub(super) towards: bool,
     pub(super) interference: Interference<'t>,
@@ -114,6 +117,7 @@ impl<'t> Plan<'t> {
         tones: WrappedCauchy { paper: false },
         calls: Calls::EMPTY,
         moments: BandPass::EMPTY,
+        onset_block: 0,
         towards: false,
         interference: Interference::EMPTY,
         travel: TravelTime::EMPTY,
@@ -184,6 +188,7 @@ impl<'t> Plan<'t> {
         self.interference = Interference::new(table);
         self.travel.fill(table, obs.paper_compatibility);
         let straight_up_s = table.travel_times_s().next().unwrap_or_default();
+        self.onset_block = first_motion::block(rate_hz, straight_up_s);
         let water_m = f64::from(straight_up_s) * config.sound_speed_m_s;
         self.lasting = Lasting::new(config.doubts, obs.orientation_of_north_deg, water_m);
         Ok(())

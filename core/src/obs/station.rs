@@ -531,7 +531,9 @@ impl State {
         }
         self.tracker.minute(plan, &mut self.evidence, k as u32, sink);
         let (speed_m_s, towards, whole) = (clear_speed_m_s(&ranges), plan.towards, plan.intake.minute());
-        let checked = Checked { index, heard: noticed, several: tones > 1, speed_m_s, towards, whole };
+        let from_below = self.hops.first_motions.together();
+        let checked =
+            Checked { index, heard: noticed, several: tones > 1, speed_m_s, towards, from_below, whole };
         self.checks.minute(&checked, &mut self.intake.faults, sink);
         heard
     }

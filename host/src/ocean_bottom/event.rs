@@ -136,14 +136,21 @@ pub struct Wave {
     /// Factors of pressure, East, North and Up.
     factors: [f64; 4],
     envelope: fn(f64) -> f64,
+    /// When the surface gives it back, s after it came from below; `None`: it does not.
+    answered_s: Option<f64>,
 }
 
+/// Elevation of what an earthquake sends through the floor.
+const STEEP_DEG: f64 = 75.0;
+
 impl Wave {
-    /// An earthquake: a sudden onset that decays, coming steeply from below.
-    pub fn earthquake(b: &Burst, ambient: f64, seed: u64) -> Self {
+    /// An earthquake: a sudden onset that decays, coming steeply from below, and back from the surface, to which sound takes so long straight up (s).
+    pub fn earthquake(b: &Burst, ambient: f64, seed: u64, straight_up_s: f64) -> Self {
         // Rises in a fiftieth of its length and decays four-fold.
         let envelope = |x: f64| if x < 0.02 { x / 0.02 } else { (-4.0 * x).exp() };
-        Self::burst("earthquake", b, ambient, seed, 75f64.to_radians(), envelope)
+        let steep = STEEP_DEG.to_radians();
+        let answered_s = Some(2.0 * straight_up_s * steep.sin());
+        Self { answered_s, ..Self::burst("earthquake", b, ambient, seed, steep, envelope) }
     }
 
     /// A T phase: swells and fades over minutes, almost level.
@@ -170,6 +177,7 @@ impl Wave {
             azimuth,
             factors: [1.0, -flat * azimuth.sin(), -flat * azimuth.cos(), up],
             envelope,
+            answered_s: None,
         }
     }
 
@@ -191,25 +199,31 @@ impl Wave {
             azimuth,
             factors: [10f64.powf(s.pressure_db / 20.0), azimuth.sin(), azimuth.cos(), 0.2],
             envelope: |x| (PI * x).sin().sqrt(),
+            answered_s: None,
         }
     }
 
     /// Adds what arrives in samples `first..`.
     pub fn add(&mut self, rate_hz: f64, first: u64, out: &mut [Field]) {
         let (from, to) = (first as f64 / rate_hz, (first as f64 + out.len() as f64) / rate_hz);
-        if to < self.start_s || from > self.start_s + self.duration_s {
+        let later = self.answered_s.unwrap_or(0.0);
+        if to < self.start_s || from > self.start_s + self.duration_s + later {
             return;
         }
-        self.radiator.prepare(from, to);
+        self.radiator.prepare(from - later, to);
+        let pressure = |t: f64| {
+            let x = (t - self.start_s) / self.duration_s;
+            if (0.0..=1.0).contains(&x) { self.radiator.at(t).re * (self.envelope)(x) } else { 0.0 }
+        };
         for (i, field) in out.iter_mut().enumerate() {
             let t = from + i as f64 / rate_hz;
-            let x = (t - self.start_s) / self.duration_s;
-            if !(0.0..=1.0).contains(&x) {
-                continue;
-            }
-            let p = self.radiator.at(t).re * (self.envelope)(x);
-            for (slot, factor) in field.iter_mut().zip(self.factors) {
-                *slot += (p * factor) as f32;
+            let p = pressure(t);
+            // From the surface pressure comes back turned round, and goes down: level motion is turned round as well, vertical motion is not.
+            let back = self.answered_s.map_or(0.0, |later| pressure(t - later));
+            let [of_p, east, north, up] = self.factors;
+            let values = [(p - back) * of_p, (p - back) * east, (p - back) * north, (p + back) * up];
+            for (slot, value) in field.iter_mut().zip(values) {
+                *slot += value as f32;
             }
         }
     }
@@ -218,7 +232,7 @@ impl Wave {
     pub fn heard(&self) -> HeardEvent {
         HeardEvent {
             from_s: self.start_s,
-            to_s: self.start_s + self.duration_s,
+            to_s: self.start_s + self.duration_s + self.answered_s.unwrap_or(0.0),
             kind: self.kind,
             azimuth: self.azimuth.rem_euclid(TAU),
             range_m: f64::INFINITY,

@@ -132,7 +132,8 @@ impl Simulator {
             .filter_map(|(species, w)| Caller::new(species, w, rms, &table, paths))
             .collect();
         let bin = (rms.powi(2) / (rate / 2.0) * BIN_HZ).sqrt();
-        let waves = (scenario.earthquake.iter().map(|b| Wave::earthquake(b, rms, seed())))
+        let straight_up_s = table.arrival(0, 0.0).map_or(0.0, |a| a.toa_s);
+        let waves = (scenario.earthquake.iter().map(|b| Wave::earthquake(b, rms, seed(), straight_up_s)))
             .collect::<Vec<_>>()
             .into_iter()
             .chain(scenario.t_phase.iter().map(|b| Wave::t_phase(b, rms, seed())).collect::<Vec<_>>())

@@ -27,8 +27,8 @@ impl Warning {
         let value = fault.value;
         let text = match fault.code {
             FaultCode::Reversed => {
-                "pressure or motion has its sign turned round: vertical motion goes with pressure as it cannot for sound from above; \
-                 look at the wiring, or at `intensity` in the station file"
+                "pressure or motion has its sign turned round: vertical motion goes with pressure as it cannot for sound from above, or for \
+                 earthquakes from below; look at the wiring, or at `intensity` in the station file"
                     .to_owned()
             }
             FaultCode::SignInDoubt => {
