@@ -191,7 +191,8 @@ pub struct ArrayConfig {
     pub channels: [u8; CHANNELS],
     /// Sensitivity of each hydrophone, dB re 1 V/µPa.
     pub sensitivity_db_re_1v_upa: [f64; CHANNELS],
-    /// Range for which delays are expected where no surface tells it (`vessel_depth_m` 0), metres; infinite means a plane wave.
+    /// Range for which delays are expected where no surface tells it (`vessel_depth_m` 0 or an array no deeper than that; from below the horizon), metres;
+    /// infinite means a plane wave.
     pub reference_range_m: f64,
     /// Band used for bearings, Hz.
     pub band_hz: (f64, f64),

@@ -84,6 +84,7 @@ mod sea_moving;
 mod sea_near;
 mod sea_passes;
 mod sea_positions;
+mod sea_random;
 mod sea_sick;
 mod sea_snaps;
 mod sea_three;
@@ -153,6 +154,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     sea_passes::SURFACE,
     sea_passes::BOTTOM,
     sea_near::EXPERIMENT,
+    sea_random::EXPERIMENT,
     sea_three::EXPERIMENT,
     sea_weak::EXPERIMENT,
     sea_sick::EXPERIMENT,

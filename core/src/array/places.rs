@@ -42,7 +42,8 @@ impl Places {
     }
 
     /// Curvature of the wavefront from a direction and its standard deviation, 1/m: of a vessel known there, where its distance is known better than by
-    /// the direction alone ([`Plan::curvature_from`]).
+    /// the direction alone ([`Plan::curvature_from`]). What a surface tells otherwise is in the deviation: a track of a slow vessel takes the usual speed for its
+    /// own until it has been heard for minutes, and its distance for a greater one.
     pub(super) fn curvature(&self, direction: &Direction, plan: &Plan) -> (f32, f32) {
         let azimuth = m::atan2(direction[0], direction[1]);
         let unseen = plan.curvature_from(direction);
@@ -50,7 +51,8 @@ impl Places {
         for (at, curvature, sd) in self.known.iter().take(self.len) {
             let apart = m::abs(wrap_pi_f32(azimuth - at));
             if apart < nearest && *sd < unseen.1 {
-                (nearest, found) = (apart, (*curvature, *sd));
+                let otherwise = if plan.vessel_over_array_depth > 0.0 { curvature - unseen.0 } else { 0.0 };
+                (nearest, found) = (apart, (*curvature, m::hypot(*sd, otherwise)));
             }
         }
         found
@@ -86,8 +88,11 @@ mod tests {
         for (azimuth, range_m) in [(0.1, 170.0), (3.0, far_m), (2.0, far_m)] {
             let (curvature, sd) = places.curvature(&towards(azimuth), &plan);
             assert!((1.0 / curvature - range_m).abs() < 0.1, "{azimuth}");
-            assert!(sd < 0.05 * curvature, "{azimuth}");
+            assert!(sd < 0.05 * curvature || azimuth == 0.1, "{azimuth}");
         }
+        // A track that is sure of another distance than the surface's.
+        let (near, sd) = places.curvature(&towards(0.1), &plan);
+        assert!((sd - (near - 1.0 / far_m)).abs() < 0.1 * sd, "{sd}");
         let [east, north, up] = towards(2.0);
         let from_below = 1.0 / places.curvature(&[east, north, -up], &plan).0;
         assert!((from_below - 500.0).abs() < 0.1, "{from_below}");

@@ -19,7 +19,8 @@ use core::num::NonZeroU64;
 const LEAST_SPEED_SD: f64 = 1e-4;
 /// Relative standard deviation of a curvature of which nothing is known: from half as far as the reference to infinitely far.
 const UNKNOWN_CURVATURE: f32 = 0.6;
-/// Standard deviation of the sine of the elevation by which a vessel's distance is told, by how deep it is and what echoes do.
+/// Standard deviation of the sine of the elevation by which a vessel's distance is told, by what echoes do to it. A vessel heard by itself, not with its image as
+/// from the surface, is nearer by its depth.
 const RISE_SD: f32 = 0.02;
 
 /// Part of the sampling rate up to which converters and resamplers pass sound as it was. What fades beyond it is heard by all hydrophones alike
@@ -358,7 +359,8 @@ impl Plan {
     pub(crate) fn curvature_from(&self, direction: &Direction) -> (f32, f32) {
         let up = direction[2];
         if self.vessel_over_array_depth > 0.0 && up > 0.0 {
-            (up / self.depth_m, RISE_SD / self.depth_m)
+            let rise = RISE_SD + self.vessel_over_array_depth * up * up * up;
+            (up / self.depth_m, rise / self.depth_m)
         } else {
             (self.curvature, UNKNOWN_CURVATURE * self.curvature)
         }

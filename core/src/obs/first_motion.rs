@@ -12,7 +12,8 @@
 //! * whose first second is steeper than 55°, and moves pressure and the vertical together;
 //! * that lasts for [`LASTS`] half seconds without a pause, as an earthquake and no call, spike or single shot does.
 //!
-//! *Fails* where a single long sound sets in suddenly overhead. In water of less than 1.3 km the surface's answer is in the first second: there nothing is asked.
+//! *Fails* where a single long sound sets in suddenly overhead. In water of less than 1.6 km the surface's answer is in the first second: there nothing is asked;
+//! nor in a record with a gap every twenty minutes, where nothing is known to be alone.
 //! Cost: 12 instructions an instant.
 
 use crate::block::CHANNELS;
@@ -22,6 +23,8 @@ use crate::math;
 const BLOCK_S: f64 = 0.5;
 /// The surface must be silent for so long: three blocks, of which the sound sets in within the first or just before it, and what the filter adds.
 const UP_ALONE_S: f32 = 1.7;
+/// Sine of the least steep that counts: the surface answers so much sooner than straight up and back.
+const SINE: f32 = 0.82;
 
 /// Power that sets in, that lasts, and that is something else, in units of the usual.
 const SETS_IN: f32 = 30.0;
@@ -47,7 +50,7 @@ type Sums = [f32; 4];
 
 /// Instants of a block where the water is deep enough, by the time that sound takes straight up to the surface (seconds); 0: it is not.
 pub(super) fn block(rate_hz: f64, straight_up_s: f32) -> u16 {
-    if 2.0 * straight_up_s < UP_ALONE_S { 0 } else { math::f64::round(BLOCK_S * rate_hz) as u16 }
+    if 2.0 * SINE * straight_up_s < UP_ALONE_S { 0 } else { math::f64::round(BLOCK_S * rate_hz) as u16 }
 }
 
 /// What sounds from below have shown. All zeros at the beginning.
@@ -142,7 +145,9 @@ impl FirstMotions {
     /// The sign of the sound that lasted; 0 where it has none.
     fn sign(&self) -> i8 {
         let [pressure, vertical, level, product] = self.onset;
-        let together = product / math::f32::sqrt(pressure * vertical).max(f32::MIN_POSITIVE);
+        let together = product
+            / math::f32::sqrt(pressure).max(f32::MIN_POSITIVE)
+            / math::f32::sqrt(vertical).max(f32::MIN_POSITIVE);
         if !self.rose || vertical < STEEP * level || !(math::f32::abs(together) > TOGETHER) {
             return 0;
         }

@@ -169,8 +169,8 @@ pub fn solve_rows(
     let solver = Solver::new(&geometry, array.reference_range_m, tolerance_s, array.elevation_deg)
         .uncertain(array.position_sd_m, array.sound_speed_sd_m_s);
     let is_below = config.depth_m >= WELL_BELOW_M;
-    let solver =
-        if is_below && array.vessel_depth_m > 0.0 { solver.under_surface(config.depth_m) } else { solver };
+    let has_surface = array.vessel_depth_m > 0.0 && config.depth_m > array.vessel_depth_m;
+    let solver = if has_surface { solver.under_surface(config.depth_m) } else { solver };
     rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let told = Told {
         range_m: array.reference_range_m,

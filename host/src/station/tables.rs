@@ -139,7 +139,7 @@ pub(super) struct Array {
     pub(super) channels: Option<Vec<u8>>,
     /// Sensitivity of each hydrophone, dB re 1 V/µPa, -260 to -60.
     pub(super) sensitivity_db_re_1v_upa: Vec<f64>,
-    /// Range for which delays are expected where no surface tells it (`vessel_depth_m` = 0), metres, 5 or more; inf means a plane wave.
+    /// Range for which delays are expected where no surface tells it (`vessel_depth_m` = 0, an array no deeper than that, sound from below), metres, 5 or more; inf means a plane wave.
     pub(super) reference_range_m: f64,
     /// Band used for bearings, Hz: lowest and highest.
     pub(super) band_hz: [f64; 2],
