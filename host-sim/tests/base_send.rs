@@ -241,7 +241,7 @@ fn samples_come_behind_what_a_store_takes_on_the_way() {
     };
     let held = (0..3000).map(|n| (Class::Bearing, Message::Range(range(n)))).collect();
     let (address, _) = recorder(dir.path(), 115_200, held, Duration::ZERO);
-    let send = ["base", "send", "--tcp", &address, "--unsigned", "--wait", "6"];
+    let send = ["base", "send", "--tcp", &address, "--unsigned", "--wait", "12"];
     let snippet = ["snippet", "--samples", "100", "--out", "sea.wav"];
     let out = seabearing(dir.path(), &[&send[..], &snippet].concat());
     let said = String::from_utf8_lossy(&out.stderr);
