@@ -226,7 +226,7 @@ fn ln(x: f32) -> f32 {
 /// The angle of (x, y) clockwise from y, in turns, −½ to ½: a polynomial [Abramowitz and Stegun 4.4.49] within 2·10⁻⁶
 /// turns, a five-hundredth of a stored step.
 #[cfg_attr(target_arch = "arm", inline(never))]
-fn turns(x: f32, y: f32) -> f32 {
+pub(super) fn turns(x: f32, y: f32) -> f32 {
     let (a, b) = (math::f32::abs(x), math::f32::abs(y));
     let z = math::lesser(a, b) / math::greater(math::greater(a, b), f32::MIN_POSITIVE);
     let q = z * z;

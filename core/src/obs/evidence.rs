@@ -1,7 +1,7 @@
 //! What each minute said, kept compactly: the modes of azimuth and range, not their grids.
 //!
 //! Enters: the modes of a minute. Leaves: a ring of the last [`MINUTES`] minutes for search and fit of tracks. A minute
-//! takes 44 bytes; a track's likelihood is then a sum over minutes of the logarithm of a mixture of a few Gaussians
+//! takes 38 bytes; a track's likelihood is then a sum over minutes of the logarithm of a mixture of a few Gaussians
 //! and a uniform floor.
 
 use super::limits::{AZIMUTH_MODES, RANGE_MODES};
@@ -10,14 +10,34 @@ use super::tonal::Directions;
 use crate::angle::wrap_tau_f32;
 use crate::math;
 
-/// Minutes kept: four short of eight hours, the time a vessel of 4 m/s is within 50 km; they are what memory has room for.
-pub const MINUTES: usize = 475;
+/// Minutes kept: eight short of eight hours, the time a vessel of 4 m/s is within 50 km; they are what memory has room for.
+pub const MINUTES: usize = 472;
 
-/// A direction: azimuth in 2π/65536, standard deviation in 10⁻⁴ rad (0: none).
+/// A direction: azimuth in 2π/65536, standard deviation as [`sd_code`] says (0: none), the move of its lines in [`MOVE`].
 #[derive(Clone, Copy, Debug, Default)]
 struct AzimuthMark {
     azimuth: u16,
-    sd: u16,
+    sd: u8,
+    moved: i8,
+}
+
+/// Steps of a relative move, and the code of none.
+const MOVE: f64 = 1e-5;
+const NO_MOVE: i8 = i8::MIN;
+
+/// Bits of a number's exponent and sixteenths, and that of 2⁻¹⁵ rad, below which no standard deviation is.
+const SIXTEENTHS: u32 = 19;
+const LEAST_SD: u32 = (127 - 15) << 4;
+
+/// A standard deviation of up to 2 rad in eight bits, to a sixteenth.
+fn sd_code(sd: f32) -> u8 {
+    let rounded = (sd.max(0.0).to_bits() + (1 << (SIXTEENTHS - 1))) >> SIXTEENTHS;
+    rounded.saturating_sub(LEAST_SD).clamp(1, 255) as u8
+}
+
+/// The standard deviation of a code.
+fn sd_of(code: u8) -> f32 {
+    f32::from_bits((u32::from(code) + LEAST_SD) << SIXTEENTHS)
 }
 
 /// A range: metres, standard deviation in 8 m (0: none), speed and its deviation in 1/8 m/s, weight as [`weight_code`] says, and
@@ -50,7 +70,8 @@ impl AzimuthMark {
     fn view(&self) -> AzimuthEvidence {
         AzimuthEvidence {
             azimuth: f64::from(self.azimuth) * (math::f64::TAU / 65_536.0),
-            sd: f64::from(self.sd) * 1e-4,
+            sd: f64::from(sd_of(self.sd)),
+            moved: (self.moved != NO_MOVE).then_some(f64::from(self.moved) * MOVE),
         }
     }
 }
@@ -77,6 +98,29 @@ pub struct Minute {
     range: [RangeMark; RANGE_MODES],
 }
 
+/// One minute as it is kept: of its number the lower half, which the newest's tells.
+#[derive(Clone, Copy, Debug)]
+struct Kept {
+    number: u16,
+    azimuth: [AzimuthMark; AZIMUTH_MODES],
+    range: [RangeMark; RANGE_MODES],
+}
+
+impl Kept {
+    const NONE: Self = Self { number: 0, azimuth: Minute::NONE.azimuth, range: Minute::NONE.range };
+
+    fn new(m: &Minute) -> Self {
+        Self { number: m.number as u16, azimuth: m.azimuth, range: m.range }
+    }
+
+    /// The minute, `newest` being the number of the last. Wanted in many places.
+    #[inline(never)]
+    fn minute(&self, newest: u32) -> Minute {
+        let before = (newest as u16).wrapping_sub(self.number);
+        Minute { number: newest.wrapping_sub(before.into()), azimuth: self.azimuth, range: self.range }
+    }
+}
+
 /// A direction as the fit sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct AzimuthEvidence {
@@ -84,6 +128,8 @@ pub struct AzimuthEvidence {
     pub azimuth: f64,
     /// Standard deviation, rad.
     pub sd: f64,
+    /// By how much its lines moved since the minute before, relative.
+    pub moved: Option<f64>,
 }
 
 /// A range as the fit sees it.
@@ -106,7 +152,7 @@ pub struct RangeEvidence {
 impl Minute {
     const NONE: Self = Self {
         number: 0,
-        azimuth: [AzimuthMark { azimuth: 0, sd: 0 }; AZIMUTH_MODES],
+        azimuth: [AzimuthMark { azimuth: 0, sd: 0, moved: 0 }; AZIMUTH_MODES],
         range: [RangeMark { range: 0, sd: 0, speed: 0, sd_speed: 0, weight_sure: 0 }; RANGE_MODES],
     };
 
@@ -119,7 +165,10 @@ impl Minute {
             let turns = wrap_tau_f32(mode.azimuth) / math::f32::TAU;
             *mark = AzimuthMark {
                 azimuth: (turns * 65_536.0) as u32 as u16,
-                sd: (mode.sd * 1e4).clamp(1.0, 65_535.0) as u16,
+                sd: sd_code(mode.sd),
+                moved: mode.moved.map_or(NO_MOVE, |moved| {
+                    math::f32::round(moved * (1.0 / MOVE as f32)).clamp(-127.0, 127.0) as i8
+                }),
             };
         }
         for (mark, mode) in out.range.iter_mut().zip(ranges.modes.iter().flatten()) {
@@ -187,7 +236,9 @@ impl Minute {
 /// The ring.
 #[derive(Clone, Debug)]
 pub struct Evidence {
-    minutes: [Minute; MINUTES],
+    minutes: [Kept; MINUTES],
+    /// Number of the newest.
+    newest: u32,
     next: usize,
     held: usize,
 }
@@ -195,7 +246,7 @@ pub struct Evidence {
 impl Evidence {
     /// Empty; all zeros.
     pub const fn new() -> Self {
-        Self { minutes: [Minute::NONE; MINUTES], next: 0, held: 0 }
+        Self { minutes: [Kept::NONE; MINUTES], newest: 0, next: 0, held: 0 }
     }
 
     /// Forgets everything.
@@ -206,7 +257,8 @@ impl Evidence {
     /// Adds a minute; the oldest goes.
     pub fn push(&mut self, minute: Minute) {
         if let Some(slot) = self.minutes.get_mut(self.next) {
-            *slot = minute;
+            *slot = Kept::new(&minute);
+            self.newest = minute.number;
         }
         self.next = (self.next + 1) % MINUTES;
         self.held = (self.held + 1).min(MINUTES);
@@ -214,21 +266,23 @@ impl Evidence {
 
     /// Removes what a vessel that has gone explains, so that it is not found again.
     pub fn forget(&mut self, explained: impl Fn(Minute) -> Minute) {
-        self.minutes.iter_mut().for_each(|m| *m = explained(*m));
+        let newest = self.newest;
+        self.minutes.iter_mut().for_each(|m| *m = Kept::new(&explained(m.minute(newest))));
     }
 
     /// Minutes from number `from` to `to`, both included, oldest first.
     pub fn between(&self, from: u32, to: u32) -> impl Iterator<Item = Minute> + Clone + '_ {
         let (newer, older) = self.minutes.split_at_checked(self.next).unwrap_or_default();
         let skip = MINUTES - self.held;
-        older.iter().chain(newer).skip(skip).filter(move |m| (from..=to).contains(&m.number)).copied()
+        let minutes = older.iter().chain(newer).skip(skip).map(|m| m.minute(self.newest));
+        minutes.filter(move |m| (from..=to).contains(&m.number))
     }
 
     /// The same, newest first.
     pub fn between_back(&self, from: u32, to: u32) -> impl Iterator<Item = Minute> + Clone + '_ {
         let (newer, older) = self.minutes.split_at_checked(self.next).unwrap_or_default();
         let all = newer.iter().rev().chain(older.iter().rev()).take(self.held);
-        all.filter(move |m| (from..=to).contains(&m.number)).copied()
+        all.map(|m| m.minute(self.newest)).filter(move |m| (from..=to).contains(&m.number))
     }
 }
 

@@ -135,6 +135,9 @@ fn direction_density(sd: f64) -> f64 {
     math::f64::TAU / 2.5066 / sd
 }
 
+/// Ratio to the uniform density from which on a direction's lines are taken for the course's vessel's.
+const OWN_RATIO: f64 = 3.0;
+
 /// Squared distance, in spreads, beyond which a range is none of this vessel's, and beyond which a direction is none: e⁻⁵⁰ of a density of
 /// 125 times the uniform one at most.
 const MOST_SQUARE: f64 = 60.0;
@@ -368,6 +371,14 @@ fn excess(
         }
     }
     (directions.excess(), distances.excess())
+}
+
+/// By how much the lines of a minute's best direction moved, where that is more likely the course's than none's, which has its vessel at `s`.
+pub(super) fn own_move(m: &Minute, s: &Seen) -> Option<f64> {
+    let towards = towards(m, s)?;
+    let ratios = m.directions().map(|d| (direction_ratio(&d, towards).0, d));
+    let (ratio, best) = ratios.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    if ratio > OWN_RATIO { best.moved } else { None }
 }
 
 /// A minute's best direction: the chance that it is this vessel's, residual, spread.

@@ -146,7 +146,8 @@ mod tests {
     #[test]
     fn a_direction_is_told_as_detected_where_it_is_clear_and_close() {
         let told = |log_presence: f32, sd: f32| {
-            let mode = Mode { azimuth: 1.0, sd, log_presence, bins: 5, step: 0, impulsive: false };
+            let mode =
+                Mode { azimuth: 1.0, sd, log_presence, bins: 5, step: 0, impulsive: false, moved: None };
             let modes = [Some(mode), None, None];
             let log_below = f32::NEG_INFINITY;
             let directions = Directions { modes, log_presence, log_below, frames: 17 };

@@ -30,6 +30,7 @@ mod between;
 mod bursts;
 mod cauchy;
 mod impulsive;
+mod lines;
 mod tonal;
 
 pub mod cepstrum;
@@ -49,6 +50,7 @@ mod bend;
 mod checks;
 mod course;
 mod deaf;
+mod doppler;
 pub mod evidence;
 mod fit;
 mod gains;

@@ -214,6 +214,11 @@ impl<'t> Plan<'t> {
         &self.interference
     }
 
+    /// Samples of the recording in a hop.
+    pub(super) fn hop(&self) -> u64 {
+        (HOP * self.decimator.factor()) as u64
+    }
+
     /// Travel times made from the table.
     pub fn travel(&self) -> &TravelTime {
         &self.travel

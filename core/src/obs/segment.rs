@@ -179,6 +179,7 @@ mod tests {
             bins: 3,
             step: 40,
             impulsive: false,
+            moved: None,
         });
         let log_presence = mode.unwrap_or(log_below);
         let directions = Directions { modes, log_presence, log_below, frames: 17 };

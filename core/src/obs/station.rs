@@ -19,6 +19,7 @@ use super::evidence::{Evidence, Minute};
 use super::hops::Hops;
 use super::impulsive;
 use super::limits::{MINUTE_FRAMES, QUEFRENCIES, WINDOW_FRAMES};
+use super::lines::Lines;
 use super::minute_records::{clear_speed_m_s, send};
 use super::pairs::Profiles;
 use super::paper;
@@ -70,6 +71,7 @@ pub struct State {
     kept: [Kept; WINDOW_FRAMES],
     next_kept: usize,
     ambient: Ambient,
+    lines: Lines,
     clutter: Clutter,
     steady: Steady,
     pub(crate) averages: Averages,
@@ -113,6 +115,7 @@ impl State {
             kept: [NOT_KEPT; WINDOW_FRAMES],
             next_kept: 0,
             ambient: Ambient::new(),
+            lines: Lines::new(),
             clutter: Clutter::new(),
             steady: Steady::new(),
             averages: Averages::new(),
@@ -350,6 +353,8 @@ impl State {
             (true, true) => Sources::Several,
         };
         let evened = self.evened(plan);
+        let last = self.kept.get((self.next_kept + WINDOW_FRAMES - 1) % WINDOW_FRAMES);
+        let follows = last.is_some_and(|last| last.used && last.label + plan.hop() == old.end);
         let Some(kept) = self.kept.get_mut(self.next_kept) else { return };
         self.averages.begin(old.end);
         let spectra = scratch.shared.spectra();
@@ -364,6 +369,10 @@ impl State {
             &mut self.averages,
             &mut self.steady,
         );
+        if !plan.paper {
+            let of_band = plan.band.first_bin..plan.band.first_bin + plan.band.bins;
+            self.lines.frame(&plan.band, spectra.pressure.get(of_band).unwrap_or_default(), follows);
+        }
         if let Some(sums) = self.slow.add(1, old.end) {
             sums.iter_mut().zip(self.averages.newest()).for_each(|(all, newest)| *all += newest);
         }
@@ -415,6 +424,9 @@ impl State {
         let mut call =
             if plan.paper { None } else { impulsive::search(plan.band.bins, plan.band.turn, rows) };
         let mut directions = plan.tones.search(plan.band.bins, &self.ambient, scratch.shared.tonal(), rows);
+        if !plan.paper {
+            self.lines.minute(&plan.band, scratch.shared.tonal(), &mut directions);
+        }
         self.steady.widen(&mut directions);
         self.checks.listen(plan.intake.minute());
         let gain = self.checks.gain();

@@ -271,6 +271,7 @@ mod tests {
             bins: 9,
             step: 3,
             impulsive: false,
+            moved: None,
         };
         let mut directions =
             Directions { modes: [Some(mode), None, None], log_presence: 20.0, log_below: 0.0, frames: 17 };

@@ -40,7 +40,7 @@ const LIVELY: f32 = 17.0;
 const LEAST_FRAMES: usize = 8;
 
 /// Half the width within which bins add to a vessel's azimuth, in azimuth steps (15 degrees).
-const SAME_VESSEL: usize = 11;
+pub(super) const SAME_VESSEL: usize = 11;
 
 /// Standard deviations of a bin's own direction within which it may be a vessel's that is farther off, at most
 /// [`FARTHEST`] azimuth steps (45 degrees): a vessel fills dozens of bins a minute, and the worst of a day must not pass for
@@ -63,6 +63,8 @@ pub struct Mode {
     pub step: u16,
     /// Short sounds rich in frequency, not tones: a whale, not a vessel.
     pub impulsive: bool,
+    /// By how much its lines have moved since the minute before, relative to their frequency; `None` where it has none that are steady.
+    pub moved: Option<f32>,
 }
 
 /// What a window says.
@@ -242,6 +244,7 @@ impl WrappedCauchy {
             bins: used,
             step: step as u16,
             impulsive: false,
+            moved: None,
         })
     }
 

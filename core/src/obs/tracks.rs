@@ -8,6 +8,7 @@
 
 use super::allowance::Allowance;
 use super::course::{Course, CourseCovariance};
+use super::doppler::Fall;
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
 use super::gone::Gone;
@@ -68,6 +69,13 @@ const ALONG_M: f64 = 20.0;
 
 /// Log score by which another course must be better to take a track over.
 const BETTER: f64 = 6.0;
+
+/// How many times as far and as fast a vessel may be that is read at another pair of paths.
+const OTHER_PAIRS: [f64; 6] = [1.0 / 3.0, 0.5, 2.0 / 3.0, 1.5, 2.0, 3.0];
+
+/// Deviations from one of the ratio that lines tell from which on other pairs are tried, and from which on no vessel's course is told.
+const LINES_DOUBT: f64 = 2.0;
+const LINES_DENY: f64 = 3.0;
 
 /// One vessel.
 #[derive(Clone, Copy, Debug)]
@@ -457,6 +465,17 @@ impl Live {
         if let Some(other) = find(plan, evidence, stronger, (from, now), Some(self)) {
             self.rather(other, plan, evidence, stronger, now);
         }
+        // Its lines may say that it is another pair of paths'.
+        let fall = self.fall(plan, evidence, stronger);
+        let nearer = |times: f64, ratio: f64| math::f64::abs(ratio - times) < math::f64::abs(ratio - 1.0);
+        if fall.off() > LINES_DOUBT
+            && let Some((ratio, _)) = fall.ratio()
+        {
+            for times in OTHER_PAIRS.into_iter().filter(|times| nearer(*times, ratio)) {
+                let other = Self { course: self.course.times(times), ..*self };
+                self.rather(other, plan, evidence, stronger, now);
+            }
+        }
         // Its echoes may be another pair of paths' all along: the course so many times as far explains those as well, and what has come into
         // the model since.
         for times in fit::READ {
@@ -467,10 +486,21 @@ impl Live {
         }
     }
 
+    /// What its lines say, in what `others` leave.
+    #[inline(never)]
+    fn fall(&self, plan: &Plan<'_>, evidence: &Evidence, others: &Others) -> Fall {
+        let minutes = unexplained(plan, evidence, others, None, self.from, self.to);
+        Fall::of(&self.course, &plan.travel, STEP_S, minutes)
+    }
+
     /// Takes over a course if it is better in what `stronger` tracks leave.
     fn rather(&mut self, mut other: Self, plan: &Plan<'_>, evidence: &Evidence, stronger: &Others, now: u32) {
         other.refine(plan, evidence, stronger, now);
-        if other.is_a_vessel() && other.score.log > self.score.log + BETTER {
+        if !other.is_a_vessel() {
+            return;
+        }
+        let log = |live: &Self| live.score.log + live.fall(plan, evidence, stronger).log();
+        if log(&other) > log(self) + BETTER {
             *self = Self { id: self.id, sent: self.sent, ..other };
         }
     }

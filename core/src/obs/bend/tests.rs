@@ -21,6 +21,7 @@ fn minute(
         bins: 5,
         step: 0,
         impulsive: false,
+        moved: None,
     });
     let mut modes = [None; 4];
     modes[0] = (r < 45_000.0).then(|| RangeMode {

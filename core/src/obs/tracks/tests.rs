@@ -24,7 +24,15 @@ pub(super) fn directions(seen: [&Seen; 2]) -> Directions {
         Directions { modes: [None; 3], log_presence: 20.0, log_below: f32::NEG_INFINITY, frames: 17 };
     for (slot, s) in out.modes.iter_mut().zip(seen) {
         let azimuth = s.azimuth() as f32;
-        *slot = Some(Mode { azimuth, sd: 0.02, log_presence: 20.0, bins: 5, step: 0, impulsive: false });
+        *slot = Some(Mode {
+            azimuth,
+            sd: 0.02,
+            log_presence: 20.0,
+            bins: 5,
+            step: 0,
+            impulsive: false,
+            moved: None,
+        });
     }
     out
 }

@@ -11,7 +11,7 @@ use super::super::gone::Gone;
 use super::super::lasting::{self, Lasting, Pairs, Told};
 use super::super::leaning::leaning;
 use super::super::plan::{Plan, STEP_S};
-use super::{ESTABLISHED, Live, Others, SPAN, shifted, unexplained, without_all};
+use super::{ESTABLISHED, LINES_DENY, Live, Others, SPAN, shifted, unexplained, without_all};
 use crate::angle::wrap_tau;
 use crate::math;
 use crate::wire::{Message, Track};
@@ -160,7 +160,7 @@ impl Live {
         }
     }
 
-    /// The track as known now, which is looked for where it is not known yet; `None` where it is not under way, where its range is as good as unknown, or where it would be final and may be no vessel's.
+    /// The track as known now, which is looked for where it is not known yet; `None` where it is not under way, where its range is as good as unknown, or where it would be final and may be no vessel's, or its lines deny its course.
     pub(super) fn told(
         &self,
         plan: &Plan<'_>,
@@ -169,6 +169,10 @@ impl Live {
         stage: u8,
     ) -> Option<Track> {
         if !self.is_under_way() {
+            return None;
+        }
+        let denied = self.fall(plan, seen.evidence, &seen.others).off() > LINES_DENY;
+        if stage == Track::FINAL && denied {
             return None;
         }
         // Where each echo may be read as several pairs of paths, ranges of some minutes lie on many more courses.
@@ -185,7 +189,8 @@ impl Live {
         seen.lasting.widen(&mut bent, |error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
         let track = self.as_sent(plan, stage, &now, &bent);
         let known = track.sd_cpa_range_m < LEAST_KNOWN_M;
-        let Some(pairs) = self.other_pairs(plan, seen, stage).filter(|_| known) else {
+        let pairs = if denied { Some(Pairs::Farther) } else { self.other_pairs(plan, seen, stage) };
+        let Some(pairs) = pairs.filter(|_| known) else {
             return known.then_some(track);
         };
         pairs.widen_place(&mut now);
