@@ -4,6 +4,7 @@
 //! a fault where something has been wrong for long, once, and [`FaultCode::SetUpGood`] when it is right again (of a component that was
 //! deaf [`FaultCode::ChannelBack`]).
 //!
+//! - What becomes of a component from one hop to the next (`jump`): what the others know of it is then of what was.
 //! - Sign of pressure and vertical motion, and a vertical component in a horizontal one's place (`signs`): that something is wrong
 //!   ([`FaultCode::SignInDoubt`]), and later what.
 //!   Where no vessels have passed yet, by earthquakes (`first_motion`).
@@ -18,6 +19,7 @@
 use super::deaf::{Deafness, HEARS, Hearing, News};
 use super::evened::OwnNoise;
 use super::gains::{Gain, Gains};
+use super::jump::{Jump, Jumps};
 use super::misplaced::{Misplaced, Pressure};
 use super::moments::Moments;
 use super::pairs::{Pairs, Profiles};
@@ -78,6 +80,9 @@ pub(super) struct Minute {
 #[derive(Clone, Debug)]
 pub(super) struct Checks {
     minute: Moments,
+    jumps: Jumps,
+    /// Whether pressure was turned round since the last minute.
+    turned: bool,
     signs: AllSigns,
     gains: Gains,
     pub(super) own_noise: OwnNoise,
@@ -100,6 +105,8 @@ impl Checks {
     pub(super) const fn new() -> Self {
         Self {
             minute: Moments::NONE,
+            jumps: Jumps::new(),
+            turned: false,
             signs: AllSigns::NONE,
             gains: Gains::new(),
             own_noise: OwnNoise::new(),
@@ -114,9 +121,27 @@ impl Checks {
         }
     }
 
-    /// Takes a hop in which no component was wrong.
-    pub(super) fn hop(&mut self, moments: &Moments) {
-        self.minute.add(moments);
+    /// Time without samples.
+    pub(super) fn interrupted(&mut self) {
+        self.jumps.interrupted();
+    }
+
+    /// Takes a hop, of which there are moments where no component was wrong in it.
+    pub(super) fn hop(&mut self, moments: Option<&Moments>) {
+        let Some(moments) = moments else {
+            self.jumps.left_out();
+            return;
+        };
+        self.minute.add(&self.gains.without_known(moments));
+        match self.jumps.hop(moments) {
+            Some(Jump::Louder(ratio_db, certain)) => {
+                self.gains.jumped(ratio_db, certain);
+                self.own_noise.changed();
+            }
+            Some(Jump::Deaf(component)) => self.unheard.fallen_silent(component),
+            Some(Jump::Reversed) => self.turned = true,
+            None => {}
+        }
     }
 
     /// Takes what both horizontal components heard in the minute that ends, before directions are told of it.
@@ -158,7 +183,7 @@ impl Checks {
             if self.gains.noise(&m, of_noise) {
                 self.own_noise.changed();
             }
-            self.own_noise.take(&m, of_noise);
+            self.own_noise.take(&self.gains.with_known(&m), of_noise);
         } else if minute.heard == Heard::Vessel {
             self.gains.beside(&m);
         }
@@ -200,7 +225,8 @@ impl Checks {
 
     fn tell_order(&mut self, minute: &Minute, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
         let Minute { towards, index, .. } = *minute;
-        if self.said_component == 0 && !self.in_doubt && self.signs.are_contrary() {
+        let turned = core::mem::take(&mut self.turned);
+        if self.said_component == 0 && !self.in_doubt && (turned || self.signs.are_contrary()) {
             (self.in_doubt, self.by_vessels) = (true, true);
             self.signs.forget_right(towards);
             faults.note(FaultCode::SignInDoubt, index, VERTICAL as u64, sink);

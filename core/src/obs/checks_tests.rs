@@ -28,7 +28,7 @@ fn minute(n: usize, heard: Heard) -> Minute {
 fn said(minutes: usize, heard: Heard, moments: impl Fn(usize) -> Moments) -> Vec<(FaultCode, i64)> {
     let (mut checks, mut faults, mut said) = (Checks::new(), Faults::new(), Vec::new());
     for n in 0..minutes {
-        checks.hop(&moments(n));
+        checks.hop(Some(&moments(n)));
         let minute = minute(n, heard);
         checks.minute(&minute, &mut faults, &mut |m| {
             if let Message::Fault(f) = m {
@@ -88,7 +88,7 @@ fn of_earthquakes(towards: bool, from_below: impl Fn(usize) -> Option<bool>) -> 
         let (s, c) = math::f32::sin_cos(n as f32 / 60.0);
         let up = if towards { 0.4 } else { -0.4 };
         let heard = if n < 700 { Heard::Nothing } else { Heard::Vessel };
-        checks.hop(&vessel(if n < 700 { [0.0; 3] } else { [0.5 * c, 0.5 * s, up] }));
+        checks.hop(Some(&vessel(if n < 700 { [0.0; 3] } else { [0.5 * c, 0.5 * s, up] })));
         let minute = Minute { towards, from_below: from_below(n), ..minute(n, heard) };
         checks.minute(&minute, &mut faults, &mut |m| {
             if let Message::Fault(f) = m {
@@ -118,7 +118,7 @@ fn what_earthquakes_told_before_does_not_overrule_vessels() {
                 (true, true) => [north, east, up],
                 (true, false) => [up, east, north],
             };
-            checks.hop(&vessel(heard));
+            checks.hop(Some(&vessel(heard)));
             let heard = if is_vessel { Heard::Vessel } else { Heard::Nothing };
             let minute = Minute { from_below: (n > 500).then_some(true), ..minute(n, heard) };
             checks.minute(&minute, &mut faults, &mut |_| {});
@@ -194,7 +194,7 @@ fn withheld(from: usize, order: impl Fn([f32; 3]) -> [f32; 3]) -> (Option<usize>
     for n in 0..1200 {
         let (s, c) = math::f32::sin_cos(n as f32 / 60.0);
         let products = [0.5 * c, 0.5 * s, -0.1];
-        checks.hop(&vessel(if n < from { products } else { order(products) }));
+        checks.hop(Some(&vessel(if n < from { products } else { order(products) })));
         let minute = minute(n, Heard::Vessel);
         checks.minute(&minute, &mut faults, &mut |_| {});
         if checks.are_misplaced() {

@@ -10,8 +10,8 @@ use super::tonal::Directions;
 use crate::angle::wrap_tau_f32;
 use crate::math;
 
-/// Minutes kept: eight short of eight hours, the time a vessel of 4 m/s is within 50 km; they are what memory has room for.
-pub const MINUTES: usize = 472;
+/// Minutes kept: a quarter of an hour short of eight hours, the time a vessel of 4 m/s is within 50 km; they are what memory has room for.
+pub const MINUTES: usize = 467;
 
 /// A direction: azimuth in 2π/65536, standard deviation as [`sd_code`] says (0: none), the move of its lines in [`MOVE`].
 #[derive(Clone, Copy, Debug, Default)]

@@ -15,6 +15,8 @@
 //!   scatter). Where one is noisier, vessels along it are heard less well: a quarter of the ratio is taken for gain.
 //! - Changes. Where the mean ratio of the last minutes without a vessel is another one, something became of a component: what vessels said
 //!   before is of what it was, and the question is open again.
+//! - Jumps. A gain that jumps from one moment to the next beside a vessel is known at once ([`super::jump`]), and what noise and vessels have said stays true of
+//!   what is heard without it; where no vessel is heard the ratio jumps, and the question is open again.
 //! - Both. The ratio of the noise is one of gain, or of noise alone; without vessels neither is likelier, and what is told lies between them, as
 //!   uncertain as they are apart. Vessels decide.
 //!
@@ -81,6 +83,10 @@ const RECENT: f32 = 15.0;
 const CHANGED_DB: f32 = 1.25;
 const AFRESH: f32 = 10.0;
 
+/// Deviation of a gain that has jumped beside a vessel, dB, and the natural logarithm of an amplitude's ratio of one decibel.
+const KNOWN_DB: f32 = 0.4;
+const NEPER: f32 = core::f32::consts::LN_10 / 20.0;
+
 /// Probability below which a possibility fades from what is stated.
 const FADES: f32 = 0.05;
 
@@ -104,6 +110,8 @@ pub(super) struct Gains {
     /// Variance that is stated, dB².
     doubt_db2: f32,
     said: bool,
+    /// What is certain of it, dB: the sum of its jumps beside vessels. All else is of what is heard without it.
+    known_db: f32,
 }
 
 /// North's gain over east's.
@@ -133,6 +141,7 @@ impl Gains {
             sums: [0.0; 6],
             doubt_db2: 0.0,
             said: false,
+            known_db: 0.0,
         }
     }
 
@@ -173,12 +182,39 @@ impl Gains {
         let change_db = math::f32::abs(self.recent_db - self.ratio_db);
         let changed = self.recent >= RECENT && self.compared >= YOUNG && change_db > CHANGED_DB;
         if changed {
-            (self.ratio_db, self.compared, self.motion_db) = (self.recent_db, AFRESH, None);
-            // The mean holds minutes of both; the next is of one alone.
-            self.recent = 0.0;
-            self.sums = [0.0; 6];
+            self.ratio_db = self.recent_db;
+            self.starts_afresh();
         }
         changed
+    }
+
+    /// North is louder beside east by so much than it was, from one moment to the next; whether that is certainly its gain.
+    pub(super) fn jumped(&mut self, by_db: f32, certain: bool) {
+        if certain {
+            // All that is known stays true of what is heard without it.
+            self.known_db += by_db;
+        } else {
+            self.ratio_db += by_db;
+            self.starts_afresh();
+        }
+    }
+
+    /// Moments as they would be without the gain that is certain.
+    pub(super) fn without_known(&self, m: &Moments) -> Moments {
+        if self.known_db == 0.0 { *m } else { m.with_north(math::f32::exp(-NEPER * self.known_db)) }
+    }
+
+    /// And with it again.
+    pub(super) fn with_known(&self, m: &Moments) -> Moments {
+        if self.known_db == 0.0 { *m } else { m.with_north(math::f32::exp(NEPER * self.known_db)) }
+    }
+
+    /// What vessels said, and most of the noise, is of what was.
+    fn starts_afresh(&mut self) {
+        (self.compared, self.motion_db) = (AFRESH, None);
+        // The mean holds minutes of both; the next is of one alone.
+        self.recent = 0.0;
+        self.sums = [0.0; 6];
     }
 
     /// Takes a minute with a vessel, of which the noise is had while there is no other.
@@ -259,11 +295,17 @@ impl Gains {
     pub(super) fn news(&mut self) -> Option<Option<f32>> {
         let (off_db, probability) = (math::f32::abs(self.ratio_db), self.probability());
         self.doubt_db2 = (self.doubt_db2 * (1.0 - FORGOTTEN)).max(self.variance_db2(probability));
+        let known =
+            math::f32::abs(self.known_db + probability * self.ratio_db) >= UNEQUAL_DB && self.known_db != 0.0;
+        if !self.said && known {
+            self.said = true;
+            return Some(Some(self.known_db + probability * self.ratio_db));
+        }
         if !self.said && off_db >= UNEQUAL_DB && probability > TOLD {
             self.said = true;
             return Some(Some(self.ratio_db));
         }
-        if self.said && (off_db < EQUAL_DB || probability < OVER) {
+        if self.said && !known && (off_db < EQUAL_DB || probability < OVER) {
             self.said = false;
             return Some(None);
         }
@@ -281,13 +323,14 @@ impl Gains {
         let told = if self.is_open() { 1.0 } else { likelier };
         let farther_db = FARTHER * self.ratio_db * told * (other / FADES).min(1.0);
         let ratio_sd_db = if self.is_young() { BESIDE_DB } else { BY_NOISE_DB };
-        farther_db * farther_db + probability * ratio_sd_db * ratio_sd_db
+        let known_sd_db = if self.known_db == 0.0 { 0.0 } else { KNOWN_DB };
+        farther_db * farther_db + probability * ratio_sd_db * ratio_sd_db + known_sd_db * known_sd_db
     }
 
     /// By how much north is louder than east, as far as that is known.
     pub(super) fn gain(&self) -> Gain {
         let db = if self.is_open() { 0.0 } else { self.probability() * self.ratio_db };
-        Gain { db, sd_db: math::f32::sqrt(self.doubt_db2) }
+        Gain { db: self.known_db + db, sd_db: math::f32::sqrt(self.doubt_db2) }
     }
 }
 

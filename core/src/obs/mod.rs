@@ -55,6 +55,7 @@ pub mod evidence;
 mod fit;
 mod gains;
 mod gone;
+mod jump;
 mod misplaced;
 mod residuals;
 mod search;

@@ -92,6 +92,21 @@ impl Moments {
         some.then(|| [north, east, alone(self.north_east, of_north, of_east)])
     }
 
+    /// The same with north so many times as loud.
+    // Of its own: it is seldom wanted.
+    #[inline(never)]
+    pub(super) fn with_north(&self, gain: f32) -> Self {
+        let mut out = *self;
+        let [_, power, ..] = &mut out.power;
+        *power *= gain * gain;
+        let [_, product, ..] = &mut out.with_pressure;
+        *product *= gain;
+        out.north_east *= gain;
+        let [product, _] = &mut out.with_vertical;
+        *product *= gain;
+        out
+    }
+
     /// Adds those of other instants.
     pub(super) fn add(&mut self, other: &Self) {
         let sum = |a: &mut [f32], b: &[f32]| a.iter_mut().zip(b).for_each(|(a, b)| *a += b);

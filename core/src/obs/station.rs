@@ -197,7 +197,10 @@ pub(crate) fn take(
     match step {
         Step::Samples(run) => state.samples(plan, scratch, run, sink),
         Step::Mended(instant) => state.samples(plan, scratch, &instant.run(), sink),
-        Step::Event(Event::Gap) => state.hops.end(&mut state.intake.accounting),
+        Step::Event(Event::Gap) => {
+            state.checks.interrupted();
+            state.hops.end(&mut state.intake.accounting);
+        }
         Step::Event(Event::Restart(_)) => close(plan, state, scratch, sink),
         // While no run goes on nothing else says that minutes pass.
         Step::Time(index) if state.hops.begins() => state.catch_up(plan, scratch, *index, sink),
@@ -256,9 +259,7 @@ impl State {
             if !filled {
                 continue;
             }
-            if let Some(moments) = self.hops.moments() {
-                self.checks.hop(&moments);
-            }
+            self.checks.hop(self.hops.moments().as_ref());
             if self.hops.pair() {
                 // Records of a minute must not contain a frame later than its window.
                 self.catch_up(plan, scratch, self.hops.old.end, sink);

@@ -55,6 +55,15 @@ impl Unheard {
         }
     }
 
+    /// A component, 0 north and 1 east, may have gone deaf: it is believed again once it hears something.
+    pub(super) fn fallen_silent(&mut self, component: usize) {
+        // What it had of vessels until now must not pass for what it hears.
+        self.product = 0.0;
+        if let Some(silent) = self.silent.get_mut(component) {
+            *silent = LONG;
+        }
+    }
+
     /// Whether one of them may be deaf.
     pub(super) fn may_be_deaf(&self) -> bool {
         let longest = |heard: bool| if heard { LONG } else { 1 };
