@@ -138,7 +138,8 @@ fn hear(options: &Options, table: &Propagation, onset: &Onset) -> Result<Heard> 
         listen::run(&config, table, &mut altered, &mut |m| messages.push(m))?;
         let first = |code: Option<FaultCode>| {
             messages.iter().find_map(|m| match m {
-                Message::Fault(f) if Some(f.code) == code && f.index > from => Some(f.index),
+                // A minute about the moment is told of with sound from after it.
+                Message::Fault(f) if Some(f.code) == code && f.index >= from => Some(f.index),
                 _ => None,
             })
         };

@@ -28,9 +28,10 @@ const JUMP_DB: f32 = 2.5;
 const STILL_DB: f32 = 0.5;
 const DEAF_DB: f32 = -10.0;
 
-/// Part of a jump that lies between the hops next to it, and greatest mean distance of hops from the mean of their side, dB.
+/// Part of a jump that lies between the hops next to it, and greatest mean distance of hops from the mean of their side, dB, and of the jump: the hop
+/// that it falls into is of both.
 const ABRUPT: f32 = 0.6;
-const ROUGH_DB: f32 = 0.8;
+const ROUGH: (f32, f32) = (0.6, 0.08);
 
 /// Coherence with pressure of a component that hears a vessel, of one that heard it well, and of one that hears none; most by which that of any may change
 /// where nothing but a gain does, and that of one that is not concerned.
@@ -229,7 +230,7 @@ impl Jumps {
                 continue;
             }
             let jumps = |i: usize| !sides.keeps(i, JUMP_DB) && sides.is_abrupt(i);
-            let level = jumps(own.0) && jumps(NORTH_OVER_EAST) && self.roughness(&sides) < ROUGH_DB;
+            let level = jumps(own.0) && jumps(NORTH_OVER_EAST) && self.is_even(&sides);
             let lost = sides.change(own.0) < DEAF_DB;
             // What has another gain is as coherent as before, unless it is lost in the noise of what converts it; sound that sets in is not.
             if level && !lost && no_sound {
@@ -247,13 +248,14 @@ impl Jumps {
         None
     }
 
-    /// Mean distance of the hops' ratio of both horizontals from the mean of their side, dB.
-    fn roughness(&self, sides: &Sides) -> f32 {
+    /// Whether the hops' ratio of both horizontals keeps to the mean of its side.
+    fn is_even(&self, sides: &Sides) -> bool {
         let off = |k: usize| {
             let mean = if k < HOPS { &sides.before } else { &sides.after };
             math::f32::abs(self.at(k)[NORTH_OVER_EAST] - mean[NORTH_OVER_EAST])
         };
-        (0..2 * HOPS).map(off).sum::<f32>() / (2 * HOPS) as f32
+        let rough = (0..2 * HOPS).map(off).sum::<f32>() / (2 * HOPS) as f32;
+        rough < ROUGH.0 + ROUGH.1 * math::f32::abs(sides.change(NORTH_OVER_EAST))
     }
 }
 

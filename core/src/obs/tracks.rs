@@ -8,7 +8,6 @@
 
 use super::allowance::Allowance;
 use super::course::{Course, CourseCovariance};
-use super::doppler::Fall;
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
 use super::gone::Gone;
@@ -21,6 +20,7 @@ use crate::math;
 use crate::wire::Message;
 use told::Seen;
 
+mod by_lines;
 mod told;
 mod turned;
 
@@ -69,13 +69,6 @@ const ALONG_M: f64 = 20.0;
 
 /// Log score by which another course must be better to take a track over.
 const BETTER: f64 = 6.0;
-
-/// How many times as far and as fast a vessel may be that is read at another pair of paths.
-const OTHER_PAIRS: [f64; 6] = [1.0 / 3.0, 0.5, 2.0 / 3.0, 1.5, 2.0, 3.0];
-
-/// Deviations from one of the ratio that lines tell from which on other pairs are tried, and from which on no vessel's course is told.
-const LINES_DOUBT: f64 = 2.0;
-const LINES_DENY: f64 = 3.0;
 
 /// One vessel.
 #[derive(Clone, Copy, Debug)]
@@ -465,17 +458,7 @@ impl Live {
         if let Some(other) = find(plan, evidence, stronger, (from, now), Some(self)) {
             self.rather(other, plan, evidence, stronger, now);
         }
-        // Its lines may say that it is another pair of paths'.
-        let fall = self.fall(plan, evidence, stronger);
-        let nearer = |times: f64, ratio: f64| math::f64::abs(ratio - times) < math::f64::abs(ratio - 1.0);
-        if fall.off() > LINES_DOUBT
-            && let Some((ratio, _)) = fall.ratio()
-        {
-            for times in OTHER_PAIRS.into_iter().filter(|times| nearer(*times, ratio)) {
-                let other = Self { course: self.course.times(times), ..*self };
-                self.rather(other, plan, evidence, stronger, now);
-            }
-        }
+        self.follow_lines(plan, evidence, stronger, now);
         // Its echoes may be another pair of paths' all along: the course so many times as far explains those as well, and what has come into
         // the model since.
         for times in fit::READ {
@@ -484,13 +467,6 @@ impl Live {
                 self.rather(farther, plan, evidence, stronger, now);
             }
         }
-    }
-
-    /// What its lines say, in what `others` leave.
-    #[inline(never)]
-    fn fall(&self, plan: &Plan<'_>, evidence: &Evidence, others: &Others) -> Fall {
-        let minutes = unexplained(plan, evidence, others, None, self.from, self.to);
-        Fall::of(&self.course, &plan.travel, STEP_S, minutes)
     }
 
     /// Takes over a course if it is better in what `stronger` tracks leave.

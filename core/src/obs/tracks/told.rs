@@ -11,7 +11,7 @@ use super::super::gone::Gone;
 use super::super::lasting::{self, Lasting, Pairs, Told};
 use super::super::leaning::leaning;
 use super::super::plan::{Plan, STEP_S};
-use super::{ESTABLISHED, LINES_DENY, Live, Others, SPAN, shifted, unexplained, without_all};
+use super::{ESTABLISHED, Live, Others, SPAN, shifted, unexplained, without_all};
 use crate::angle::wrap_tau;
 use crate::math;
 use crate::wire::{Message, Track};
@@ -171,7 +171,7 @@ impl Live {
         if !self.is_under_way() {
             return None;
         }
-        let denied = self.fall(plan, seen.evidence, &seen.others).off() > LINES_DENY;
+        let denied = self.is_denied(plan, seen.evidence, &seen.others);
         if stage == Track::FINAL && denied {
             return None;
         }
