@@ -19,11 +19,14 @@ use crate::math;
 const MOST_LEVEL: f64 = 0.8;
 
 /// By how much that may be off, relative, and with it the ratio.
-const LEVEL_SD: f64 = 0.1;
+pub(super) const LEVEL_SD: f64 = 0.1;
 
 /// Depth of the water at RR03, m, and speed of sound, m/s.
 const WATER_M: f64 = 4340.0;
 const SOUND_M_S: f64 = 1500.0;
+
+/// Most that lines may say against a course, natural logarithm: an engine may as well have changed its speed as the vessel passed.
+const LEAST_LOG: f64 = -8.0;
 
 /// When after a minute's middle its lines are measured, minutes: their frames are the newest of its window.
 const LATER_MIN: f64 = 0.92;
@@ -100,11 +103,12 @@ impl Fall {
     }
 
     /// Natural logarithm of how likely the moves are on this course over how likely they are on the one of its shape that suits them best,
-    /// however much they scatter: −½ n ln of the ratio of the sums of squares that are left.
+    /// however much they scatter: −½ n ln of the ratio of the sums of squares that are left, and no less than [`LEAST_LOG`].
     pub(super) fn log(&self) -> f64 {
         let off = self.off();
         let n = f64::from(self.n);
-        if off > 0.0 { -0.5 * n * math::f64::ln(1.0 + off * off / n) } else { 0.0 }
+        let log = if off > 0.0 { -0.5 * n * math::f64::ln(1.0 + off * off / n) } else { 0.0 };
+        log.max(LEAST_LOG)
     }
 }
 

@@ -11,7 +11,7 @@ use crate::angle::wrap_tau_f32;
 use crate::math;
 
 /// Minutes kept: a quarter of an hour short of eight hours, the time a vessel of 4 m/s is within 50 km; they are what memory has room for.
-pub const MINUTES: usize = 467;
+pub const MINUTES: usize = 465;
 
 /// A direction: azimuth in 2π/65536, standard deviation as [`sd_code`] says (0: none), the move of its lines in [`MOVE`].
 #[derive(Clone, Copy, Debug, Default)]

@@ -83,8 +83,13 @@ const RECENT: f32 = 15.0;
 const CHANGED_DB: f32 = 1.25;
 const AFRESH: f32 = 10.0;
 
-/// Deviation of a gain that has jumped beside a vessel, dB, and the natural logarithm of an amplitude's ratio of one decibel.
+/// Deviation of a gain that has jumped beside a vessel, dB.
 const KNOWN_DB: f32 = 0.4;
+
+/// Natural logarithm of the odds at which vessels say that it was none.
+const SURE: f64 = 3.0;
+
+/// Natural logarithm of an amplitude's ratio of one decibel.
 const NEPER: f32 = core::f32::consts::LN_10 / 20.0;
 
 /// Probability below which a possibility fades from what is stated.
@@ -112,6 +117,8 @@ pub(super) struct Gains {
     said: bool,
     /// What is certain of it, dB: the sum of its jumps beside vessels. All else is of what is heard without it.
     known_db: f32,
+    /// The last of these, dB; 0 where vessels have said that it was none.
+    jump_db: f32,
 }
 
 /// North's gain over east's.
@@ -142,6 +149,7 @@ impl Gains {
             doubt_db2: 0.0,
             said: false,
             known_db: 0.0,
+            jump_db: 0.0,
         }
     }
 
@@ -191,8 +199,10 @@ impl Gains {
     /// North is louder beside east by so much than it was, from one moment to the next; whether that is certainly its gain.
     pub(super) fn jumped(&mut self, by_db: f32, certain: bool) {
         if certain {
-            // All that is known stays true of what is heard without it.
+            // What noise said stays true of what is heard without it; what vessels say from now on must not contradict it.
             self.known_db += by_db;
+            self.jump_db = by_db;
+            self.sums = [0.0; 6];
         } else {
             self.ratio_db += by_db;
             self.starts_afresh();
@@ -291,8 +301,22 @@ impl Gains {
         odds / (1.0 + odds)
     }
 
+    /// Where vessels contradict the last jump it was noise all the same.
+    fn reconsider(&mut self) {
+        let Some((db, variance)) = self.by_vessels().filter(|_| self.jump_db != 0.0) else { return };
+        let jump_db = f64::from(self.jump_db);
+        // With it taken out of what they hear they say as much less of a jump that was noise.
+        let noise = jump_db * (1.0 - TAKEN);
+        if db * db - (db + noise) * (db + noise) > 2.0 * SURE * variance {
+            (self.known_db, self.ratio_db) = (self.known_db - self.jump_db, self.ratio_db + self.jump_db);
+            self.jump_db = 0.0;
+            self.starts_afresh();
+        }
+    }
+
     /// Ends a minute: the news that they are unequal, by north over east in dB, or that this is over.
     pub(super) fn news(&mut self) -> Option<Option<f32>> {
+        self.reconsider();
         let (off_db, probability) = (math::f32::abs(self.ratio_db), self.probability());
         self.doubt_db2 = (self.doubt_db2 * (1.0 - FORGOTTEN)).max(self.variance_db2(probability));
         let known =

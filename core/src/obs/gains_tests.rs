@@ -178,6 +178,31 @@ fn a_component_that_is_noisier_but_hears_vessels_as_the_other_does_is_of_its_gai
 }
 
 #[test]
+fn a_jump_that_vessels_contradict_was_noise() {
+    let mut gains = Gains::new();
+    let mut told = Vec::new();
+    for n in 0..1200usize {
+        if n == 300 {
+            gains.jumped(3.0, true);
+        }
+        // Noise of north's own, from the moment on.
+        let noisier = if n < 300 { 1.0 } else { 2.0 };
+        let m =
+            if n.is_multiple_of(3) { noise(noisier) } else { heard(1.0, n as f32 / 19.0, 1.0, 0.2, noisier) };
+        let m = gains.without_known(&m);
+        if n.is_multiple_of(3) {
+            gains.noise(&m, 1.0);
+        } else {
+            gains.vessel(&m);
+        }
+        told.extend(gains.news());
+    }
+    let gain = gains.gain();
+    assert!(gain.db.abs() < 1.0 && gains.known_db == 0.0, "{gain:?}");
+    assert!(matches!(told[..], [Some(_), None]), "{told:?}");
+}
+
+#[test]
 fn a_gain_that_jumps_beside_a_vessel_is_told_and_taken_out_at_once() {
     let mut gains = Gains::new();
     let minute = |gains: &mut Gains, n: usize, gain: f32| {

@@ -33,10 +33,14 @@ const DEAF_DB: f32 = -10.0;
 const ABRUPT: f32 = 0.6;
 const ROUGH: (f32, f32) = (0.6, 0.08);
 
-/// Coherence with pressure of a component that hears a vessel, of one that heard it well, and of one that hears none; most by which that of any may change
+/// Most by which levels change where pressure is turned round, dB: a sound that makes up for a coherence of a quarter on the other side adds 2.2 dB.
+const AS_LOUD_DB: f32 = 1.5;
+
+/// Coherence with pressure of a component that hears a vessel, of one that heard it well, and so well that noise of its own would show, and of one that hears none; most by which that of any may change
 /// where nothing but a gain does, and that of one that is not concerned.
 const HEARD: f32 = 0.25;
 const WELL: f32 = 0.4;
+const CERTAIN: f32 = 0.5;
 const UNHEARD: f32 = 0.1;
 const UNCHANGED: f32 = 0.1;
 const AS_BEFORE: f32 = 0.2;
@@ -46,6 +50,7 @@ const NORTH: (usize, usize) = (0, 3);
 const EAST: (usize, usize) = (1, 4);
 const NORTH_OVER_EAST: usize = 2;
 const VERTICAL: usize = 5;
+const PRESSURE: usize = 6;
 
 /// A hop: levels of pressure, north and east, coherences of north, east and vertical with pressure.
 #[derive(Clone, Copy, Debug)]
@@ -78,9 +83,9 @@ pub(super) struct Jumps {
 /// Means of both sides, and differences between those hops of each that are next to the moment.
 #[derive(Clone, Copy, Debug)]
 struct Sides {
-    before: [f32; 6],
-    after: [f32; 6],
-    next: [f32; 6],
+    before: [f32; 7],
+    after: [f32; 7],
+    next: [f32; 7],
 }
 
 // Each is asked in many places, and flash is short.
@@ -137,12 +142,13 @@ impl Hop {
         Self { level: [pressure, north, east].map(level), coherence: m.coherences().map(coherence) }
     }
 
-    /// Levels of north and east beside pressure's and of north beside east's, dB, then coherences.
-    fn values(&self) -> [f32; 6] {
+    /// Levels of north and east beside pressure's and of north beside east's, dB, then coherences, then the level of pressure.
+    fn values(&self) -> [f32; 7] {
         let ([p, n, e], [cn, ce, cz]) = (self.level, self.coherence);
         let beside = |a: i16, b: i16| f32::from(a - b) * LEVEL_DB;
         let coherence = |c: i8| f32::from(c) * COHERENCE;
-        [beside(n, p), beside(e, p), beside(n, e), coherence(cn), coherence(ce), coherence(cz)]
+        let pressure = f32::from(p) * LEVEL_DB;
+        [beside(n, p), beside(e, p), beside(n, e), coherence(cn), coherence(ce), coherence(cz), pressure]
     }
 }
 
@@ -185,14 +191,14 @@ impl Jumps {
 
     /// Hop `k` from the oldest.
     #[inline(never)]
-    fn at(&self, k: usize) -> [f32; 6] {
+    fn at(&self, k: usize) -> [f32; 7] {
         let place = (usize::from(self.next) + k) % (2 * HOPS);
-        self.hops.get(place).map_or([0.0; 6], Hop::values)
+        self.hops.get(place).map_or([0.0; 7], Hop::values)
     }
 
     /// Means over the hops of both sides but for those beside the moment, which may be of both.
     fn sides(&self) -> Sides {
-        let mut out = Sides { before: [0.0; 6], after: [0.0; 6], next: [0.0; 6] };
+        let mut out = Sides { before: [0.0; 7], after: [0.0; 7], next: [0.0; 7] };
         for k in 0..2 * HOPS {
             // From the moment on, to either side.
             let (side, sign, from) = if k < HOPS {
@@ -222,7 +228,9 @@ impl Jumps {
             turned += u8::from(sides.is_turned(i));
             no_sound &= sides.keeps(i, UNCHANGED);
         }
-        if turned >= 2 && turned == heard {
+        // Another sound that sets in on the other side is louder than the vessel; nothing else keeps its levels.
+        let is_as_loud = sides.keeps(PRESSURE, AS_LOUD_DB) && sides.keeps(NORTH_OVER_EAST, AS_LOUD_DB);
+        if turned >= 2 && turned == heard && is_as_loud {
             return Some(Jump::Reversed);
         }
         for (k, (own, other)) in [(NORTH, EAST), (EAST, NORTH)].into_iter().enumerate() {
@@ -234,8 +242,8 @@ impl Jumps {
             let lost = sides.change(own.0) < DEAF_DB;
             // What has another gain is as coherent as before, unless it is lost in the noise of what converts it; sound that sets in is not.
             if level && !lost && no_sound {
-                // More noise would have taken from what it goes with a vessel's pressure.
-                return Some(Jump::Louder(sides.change(NORTH_OVER_EAST), sides.was(own.1, HEARD)));
+                // More noise would have taken a quarter and more from how it goes with a vessel's pressure, which is seen where that was much.
+                return Some(Jump::Louder(sides.change(NORTH_OVER_EAST), sides.was(own.1, CERTAIN)));
             }
             let is_silent = sides.was(own.1, WELL)
                 && sides.is_below(own.1, UNHEARD)
@@ -278,7 +286,7 @@ mod tests {
         hops.filter_map(|m| jumps.hop(&m)).collect()
     }
 
-    const HEARD_OF: [f32; 4] = [1.0, 0.7, -0.6, 0.7];
+    const HEARD_OF: [f32; 4] = [1.0, 1.0, -1.0, 0.7];
 
     /// The same hour with another factor of each component from its half on.
     fn altered(heard: [f32; 4], factors: [f32; 4]) -> Vec<Jump> {
@@ -308,6 +316,24 @@ mod tests {
             assert_eq!(altered(heard, [1.0, 1.0, 0.01, 1.0]), [Jump::Deaf(1)]);
             // All louder alike is no component's.
             assert_eq!(altered(heard, [2.0; 4]), []);
+        }
+    }
+
+    #[test]
+    fn noise_of_a_component_s_own_is_no_certain_gain() {
+        for north in [0.2f32, 0.4, 0.6, 0.8, 1.0, 1.5] {
+            for noise in [0.78f32, 1.0, 3.0] {
+                // So much more noise of north's own as makes it louder by that.
+                let before = north * north + 0.8;
+                let after = 0.8 + noise * before;
+                let said = said((0..360).map(|n| {
+                    hop(n, [1.0, north, -0.5, 0.7], [1.0, if n < 180 { 0.8 } else { after }, 0.8, 1.0])
+                }));
+                assert!(
+                    !said.iter().any(|jump| matches!(jump, Jump::Louder(_, true))),
+                    "{north} {noise}: {said:?}"
+                );
+            }
         }
     }
 
@@ -348,6 +374,17 @@ mod tests {
                 hop(n, [s, s, 0.0, 0.4 * s], [noise, 0.5, 0.5, 0.5])
             };
             assert_eq!(said((0..360).map(sets_in)), []);
+        }
+        // Another that sets in opposite to a vessel.
+        for louder in [0.8f32, 1.0, 1.5, 2.0] {
+            let opposite = |n: usize| {
+                let s = if n < 180 { 0.0 } else { louder };
+                let mut m = hop(n, [0.7, 0.7, 0.6, 0.1], [0.5, 0.5, 0.5, 0.5]);
+                let other = hop(n, [s, -s, -s, 0.1 * s], [0.0; 4]);
+                m.add(&Moments { instants: 0, ..other });
+                m
+            };
+            assert!(!said((0..360).map(opposite)).contains(&Jump::Reversed), "{louder}");
         }
         // A gap.
         let mut jumps = Jumps::new();

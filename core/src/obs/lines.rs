@@ -50,9 +50,16 @@ pub(super) struct Lines {
 }
 
 impl Lines {
-    /// Nothing heard; all zeros.
+    /// Nothing heard, to be [`interrupted`](Self::interrupted) before the first frame; all zeros.
     pub(super) const fn new() -> Self {
         Self { phase: [0; AZIMUTH_BINS], sum: [[0; 2]; AZIMUTH_BINS], before: [0; AZIMUTH_BINS], frames: 0 }
+    }
+
+    /// What is heard next does not follow what was heard before.
+    pub(super) fn interrupted(&mut self) {
+        self.sum.fill([0; 2]);
+        self.before.fill(NO_LINE);
+        self.frames = 0;
     }
 
     /// Takes a frame's pressure, real and imaginary, in the bins of the band; `follows` says whether the last frame was half a frame before.
@@ -180,6 +187,7 @@ mod tests {
 
     fn heard(lines: &[f32], fall: f64) -> std::vec::Vec<Option<f32>> {
         let (mut state, mut seed) = (Lines::new(), 7);
+        state.interrupted();
         let mut shared = Shared::new();
         let s = shared.tonal();
         (s.best, s.free) = ([40; AZIMUTH_BINS], [0; AZIMUTH_BINS]);

@@ -285,6 +285,8 @@ impl State {
         // Sums run over places: the same from any beginning.
         self.next_kept = 0;
         self.averages = Averages::new();
+        self.lines.interrupted();
+        self.checks.interrupted();
         self.evidence.clear();
         self.several = false;
         self.silent = 0;

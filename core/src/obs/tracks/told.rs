@@ -160,7 +160,7 @@ impl Live {
         }
     }
 
-    /// The track as known now, which is looked for where it is not known yet; `None` where it is not under way, where its range is as good as unknown, or where it would be final and may be no vessel's, or its lines deny its course.
+    /// The track as known now, which is looked for where it is not known yet; `None` where it is not under way, where its range is as good as unknown, or where it would be final and may be no vessel's, or its lines deny a course that its ranges do not assure.
     pub(super) fn told(
         &self,
         plan: &Plan<'_>,
@@ -172,7 +172,7 @@ impl Live {
             return None;
         }
         let denied = self.is_denied(plan, seen.evidence, &seen.others);
-        if stage == Track::FINAL && denied {
+        if stage == Track::FINAL && denied && !self.is_established() {
             return None;
         }
         // Where each echo may be read as several pairs of paths, ranges of some minutes lie on many more courses.
