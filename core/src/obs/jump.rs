@@ -7,7 +7,7 @@
 //!
 //! Hops before and after a moment are compared, [`HOPS`] of each. A vessel that passes, a call that sets in and noise that grows change pressure as well,
 //! or both horizontal components, or take longer than three hops. Noise of a component's own (strumming) sets in like a gain does, but takes from
-//! its coherence with a vessel; where none is heard it is taken for as likely.
+//! its coherence with a vessel; where that was less than a half it is taken for as likely.
 //! Not observable: what happens while no sample comes, or while something else changes; signs that turn round, and a component that goes deaf without
 //! a change of its noise, while no vessel is heard. Cost: 600 instructions a hop.
 
@@ -36,12 +36,14 @@ const ROUGH: (f32, f32) = (0.6, 0.08);
 /// Most by which levels change where pressure is turned round, dB: a sound that makes up for a coherence of a quarter on the other side adds 2.2 dB.
 const AS_LOUD_DB: f32 = 1.5;
 
-/// Coherence with pressure of a component that hears a vessel, of one that heard it well, and so well that noise of its own would show, and of one that hears none; most by which that of any may change
-/// where nothing but a gain does, and that of one that is not concerned.
+/// Coherence with pressure of a component that hears a vessel, of one that hears it well, of one that hears it so well that noise of its own would show, and
+/// of one that hears none.
 const HEARD: f32 = 0.25;
 const WELL: f32 = 0.4;
 const CERTAIN: f32 = 0.5;
 const UNHEARD: f32 = 0.1;
+
+/// Most by which the coherence of any component changes where nothing but a gain does, and that of one that is not concerned where another falls silent.
 const UNCHANGED: f32 = 0.1;
 const AS_BEFORE: f32 = 0.2;
 
