@@ -43,6 +43,9 @@ const WELL: f32 = 0.4;
 const CERTAIN: f32 = 0.5;
 const UNHEARD: f32 = 0.1;
 
+/// Coherence of a component in which hardly anything but the vessel is heard: levels then go with the vessel's direction, and no coherence shows it.
+const DOMINATES: f32 = 0.85;
+
 /// Most by which the coherence of any component changes where nothing but a gain does, and that of one that is not concerned where another falls silent.
 const UNCHANGED: f32 = 0.1;
 const AS_BEFORE: f32 = 0.2;
@@ -243,7 +246,8 @@ impl Jumps {
             let level = jumps(own.0) && jumps(NORTH_OVER_EAST) && self.is_even(&sides);
             let lost = sides.change(own.0) < DEAF_DB;
             // What has another gain is as coherent as before, unless it is lost in the noise of what converts it; sound that sets in is not.
-            if level && !lost && no_sound {
+            let is_direction = [own.1, other.1].into_iter().any(|i| sides.was(i, DOMINATES));
+            if level && !lost && no_sound && !is_direction {
                 // More noise would have taken a quarter and more from how it goes with a vessel's pressure, which is seen where that was much.
                 return Some(Jump::Louder(sides.change(NORTH_OVER_EAST), sides.was(own.1, CERTAIN)));
             }
