@@ -17,6 +17,8 @@ type Name = (&'static str, &'static str);
 
 /// Who calls through pointers, and what these may point at. The first that fits counts.
 const BY_POINTER: &[(&str, &[Name])] = &[
+    // A square root's three steps, where they are too long to be written out thrice.
+    ("libm::math::sqrt::sqrt", &[("libm::math::generic::sqrt::goldschmidt", "")]),
     // Which values a band sums; where finished records go; what of a store is a configuration;
     // what wakes the line.
     ("seabearing_core::density::add", &[("::density::", "}"), ("::add_bands::", "}")]),

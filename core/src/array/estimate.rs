@@ -1,6 +1,7 @@
 //! One segment's estimate: from accumulated cross-spectra to a bearing, or to nothing.
 
 use super::agreement::{Doubt, half_apart};
+use super::apart::Apart;
 use super::chain::Scratch;
 use super::detect;
 use super::followed::Turn;
@@ -90,6 +91,10 @@ pub(super) struct Context<'a> {
     /// By how much nearer to the source than half-way to its image both are heard because that is fainter, in units of the angle
     /// between them, and the standard deviation.
     pub(super) loss: (f32, f32),
+    /// Whether nothing tells where between the two it is heard.
+    pub(super) between: bool,
+    /// Where the source itself is, where it is heard apart from its image.
+    pub(super) vessel: Option<Direction>,
     pub(super) flags: u8,
 }
 
@@ -183,6 +188,8 @@ pub(crate) fn segment(
         moment_sd_s: 0.0,
         depth: None,
         loss: (0.0, 0.0),
+        between: true,
+        vessel: None,
         flags: u8::from(spectra.added.clipped)
             | (u8::from(spectra.added.bridged || share < WHOLE_SHARE) * BRIDGED)
             | (u8::from(shortened) * SHORTENED)
@@ -231,7 +238,7 @@ pub(crate) fn segment(
         first.as_ref().is_some_and(|first| memory.others.strongest(plan, first.refined.direction, segment));
     let doubt = match &first {
         Some(first) if used.all() => {
-            let context = Context { depth: memory.depth.known(), ..context };
+            let context = Context { depth: memory.depth.by_fringes(), ..context };
             let elsewhere = memory.is_elsewhere(&context, &first.refined.direction);
             let others = (other, elsewhere, &memory.others, segment);
             memory.agreement.take(&context, first, others, &peaks, &scratch.search, sink)
@@ -350,7 +357,7 @@ fn whole(
     memory: &mut Memory,
     first: &Found,
     doubt: Doubt,
-    spectra: &Spectra,
+    spectra: &mut Spectra,
     scratch: &mut Scratch,
     sink: &mut impl FnMut(Message),
 ) {
@@ -358,21 +365,33 @@ fn whole(
     scratch.spectrum.measured = scratch.spectrum.raw.map(|c| c.max(0.0));
     scratch.spectrum.restore(refine::shared_signal(plan, context.band.used, &first.tau));
     memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
-    let noise = context.noise(memory.averaged);
-    refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);
     let turned = memory.turned_meanwhile(&context);
     if plan.vessel_over_array_depth > 0.0 && context.band.used.all() {
         let sine = memory.depth.surface(plan, &first.refined.direction);
-        let told = fringes::depth_m(plan, spectra, sine, first.mean, &mut scratch.work);
+        // Another vessel in the same azimuth would be taken for the image, and an echo off the bottom pulls both.
+        let alone = !memory.others.any() && !memory.echo.heard();
+        let apart = if alone { Apart::seen(&context, &scratch.search, first) } else { None };
+        let told = match &apart {
+            Some(apart) => Some(apart.told(first.mean)),
+            None => fringes::depth_m(plan, spectra, sine, first.mean, &mut scratch.work),
+        };
+        let agrees = told.is_some_and(|told| memory.depth.agrees(&told));
         memory.depth.take(told);
         context.depth = memory.depth.known();
-        if let Some((d, _)) = context.depth {
+        if let Some(apart) = apart.filter(|_| agrees) {
+            context.vessel = apart.vessel(&context, spectra, scratch);
+        } else if let Some((d, _)) = context.depth {
             let (apart, usual) = report::image(plan, &first.refined.direction, d);
             let delay_s = 2.0 * d * sine * plan.inv_c;
+            context.between = !fringes::are_wide(plan, delay_s);
             let seen = (&scratch.spectrum.weight, &scratch.spectrum.raw);
             let work = &mut scratch.work;
             let image = memory.depth.image(plan, &first.refined.direction, memory.segments);
-            if let Some(seen) = fringes::loss(&context, first, spectra, seen, (delay_s, apart), image, work) {
+            if context.between {
+                context.loss = (usual, 0.0);
+            } else if let Some(seen) =
+                fringes::loss(&context, first, spectra, seen, (delay_s, apart), image, work)
+            {
                 // Beyond that the fringes are not those of vessel and image alone.
                 let vessels = if memory.others.any() { 2.0 } else { 1.0 };
                 if seen.unexplained > vessels * fringes::THIRD_PATH {
@@ -387,6 +406,8 @@ fn whole(
             }
         }
     }
+    let noise = context.noise(memory.averaged);
+    refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);
     let spectrum = &scratch.spectrum;
     let alone = !memory.others.any() && !memory.echo.heard();
     let scatter = (!alone || memory.misfit > report::DISAGREEING)

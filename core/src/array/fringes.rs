@@ -64,6 +64,8 @@ pub(super) struct Depth {
     sd_m: f32,
     /// How deep the fringes are.
     height: f32,
+    /// Whether they told it last.
+    by_fringes: bool,
     /// Segments in the means.
     agreed: f32,
     /// Sums over segments of what tells the image's loss: products with what it does, and squares of that.
@@ -75,7 +77,7 @@ pub(super) struct Depth {
     nearer: f32,
 }
 
-/// What fringes tell in a segment.
+/// What a segment tells.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Told {
     depth_m: f32,
@@ -83,6 +85,20 @@ pub(super) struct Told {
     sd_m: f32,
     /// How deep they are over their mean, full ones being 1.
     height: f32,
+    /// Whether they tell it, and not vessel and image that are heard apart.
+    by_fringes: bool,
+}
+
+impl Told {
+    /// A depth and its standard deviation, metres, of a vessel and its image that are heard apart, and how deep fringes of it are.
+    pub(super) const fn apart((depth_m, sd_m): (f32, f32), height: f32) -> Self {
+        Self { depth_m, sd_m, height, by_fringes: false }
+    }
+}
+
+/// Whether fringes of an image so late (seconds) are no narrower than the bins.
+pub(super) fn are_wide(plan: &Plan, delay_s: f32) -> bool {
+    delay_s * plan.rate_hz <= DELAYS.1 as f32
 }
 
 impl Depth {
@@ -91,6 +107,7 @@ impl Depth {
         mean_m: 0.0,
         sd_m: 0.0,
         height: 0.0,
+        by_fringes: false,
         agreed: 0.0,
         lost: 0.0,
         information: 0.0,
@@ -100,19 +117,19 @@ impl Depth {
 
     /// Takes what a segment tells, if it tells anything.
     pub(super) fn take(&mut self, told: Option<Told>) {
-        let Some(Told { depth_m, sd_m, height }) = told else { return };
+        let Some(Told { depth_m, sd_m, height, by_fringes }) = told else { return };
         if m::abs(depth_m - self.mean_m) > SAME * self.mean_m {
             // Another vessel, or one of the two was wrong: the mean is given up where it was hardly begun or is gainsaid as often.
             self.agreed -= 1.0;
             if self.agreed <= 0.0 {
-                *self = Self { mean_m: depth_m, sd_m, height, agreed: 1.0, ..Self::UNKNOWN };
+                *self = Self { mean_m: depth_m, sd_m, height, agreed: 1.0, by_fringes, ..Self::UNKNOWN };
             }
             return;
         }
         self.agreed = (self.agreed + 1.0).min(AVERAGED);
         self.mean_m += (depth_m - self.mean_m) / self.agreed;
         self.height += (height - self.height) / self.agreed;
-        self.sd_m = sd_m;
+        (self.sd_m, self.by_fringes) = (sd_m, by_fringes);
     }
 
     /// Sine of the elevation of the surface above the vessel, that of vessel and image together being this direction's: by what is known of
@@ -129,9 +146,19 @@ impl Depth {
         due.then(|| Image::of(plan, direction, self.surface(plan, direction), self.mean_m, self.height))
     }
 
+    /// Whether segments agree, and with this one.
+    pub(super) fn agrees(&self, told: &Told) -> bool {
+        self.agreed >= AGREEING && m::abs(told.depth_m - self.mean_m) <= SAME * self.mean_m
+    }
+
     /// Depth and its standard deviation, metres, where segments agree.
     pub(super) fn known(&self) -> Option<(f32, f32)> {
         (self.agreed >= AGREEING).then_some((self.mean_m, self.sd_m))
+    }
+
+    /// The same where fringes told it: vessel and image are heard as one there, or nearly.
+    pub(super) fn by_fringes(&self) -> Option<(f32, f32)> {
+        self.known().filter(|_| self.by_fringes)
     }
 
     /// Takes what a segment tells of the image's loss.
@@ -341,7 +368,8 @@ pub(super) fn depth_m(
     let shift = if bend < 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
     let depth_m = (n as f32 + shift) / per_m;
     let sd_m = m::hypot(SD * depth_m, SD_SAMPLES / per_m);
-    Some(Told { depth_m, sd_m, height: height - 0.25 * (before - after) * shift })
+    let height = height - 0.25 * (before - after) * shift;
+    Some(Told { depth_m, sd_m, height, by_fringes: true })
 }
 
 /// Sum of the hydrophones' spectra times the squared frequency (a vessel's sound falls by about as much), in the imaginary
@@ -412,7 +440,7 @@ mod tests {
 
     #[test]
     fn segments_must_agree_and_one_stray_changes_nothing() {
-        let told = |depth_m| Some(Told { depth_m, sd_m: 0.02, height: 0.5 });
+        let told = |depth_m| Some(Told { depth_m, sd_m: 0.02, height: 0.5, by_fringes: true });
         let mut depth = Depth::UNKNOWN;
         for (n, depth_m) in [5.0, 5.1, 4.9].into_iter().enumerate() {
             depth.take(told(depth_m));

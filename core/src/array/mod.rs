@@ -10,6 +10,7 @@
 //! Relative sensitivities matter for levels and unweighted correlation only: whitening divides them out.
 
 mod agreement;
+mod apart;
 mod arrival;
 mod aside;
 mod beside;

@@ -185,11 +185,37 @@ pub(crate) fn overdone(
     c: &mut [f32; BINS],
 ) {
     for (k, c) in c.iter_mut().enumerate().take(band.high).skip(band.low) {
-        let omega = k as f32 * plan.bin_rad_s;
-        let turns = band.used.of(first.iter().zip(second)).map(|(a, b)| m::cos(omega * (a - b)));
-        let r = turns.sum::<f32>() / band.used.pairs();
+        let r = alike(plan, band, (first, second), k);
         *c *= -r / (1.0 - r * r).max(LEAST_APART);
     }
+}
+
+/// Turns the coherence `c` measured along the delays of a second source, beside that measured along a `first`, into what the second has alone: either shows
+/// of the other the mean over pairs of `cos ω(τ₁ − τ₂)`. Of what is not told apart it has nothing.
+#[inline(never)]
+pub(crate) fn alone(
+    plan: &Plan,
+    band: &Band,
+    (first, second): (&[f32; PAIR_COUNT], &[f32; PAIR_COUNT]),
+    of_first: &[f32; BINS],
+    c: &mut [f32; BINS],
+) {
+    for (k, (c, of_first)) in c.iter_mut().zip(of_first).enumerate().take(band.high).skip(band.low) {
+        let r = alike(plan, band, (first, second), k);
+        *c = (*c - r * of_first) / (1.0 - r * r).max(LEAST_APART);
+    }
+}
+
+/// Mean over pairs of the cosine of what two sources' delays turn a bin by.
+fn alike(
+    plan: &Plan,
+    band: &Band,
+    (first, second): (&[f32; PAIR_COUNT], &[f32; PAIR_COUNT]),
+    bin: usize,
+) -> f32 {
+    let omega = bin as f32 * plan.bin_rad_s;
+    let turns = band.used.of(first.iter().zip(second)).map(|(a, b)| m::cos(omega * (a - b)));
+    turns.sum::<f32>() / band.used.pairs()
 }
 
 /// Average over neighbouring bins within the band, less what noise may have made of it; `noise` is the variance of one bin's

@@ -71,6 +71,8 @@ const FAR_APART: f32 = 4.0;
 /// random passes at 64 kHz, of vessels 10 m to 2 km aside of arrays 30 to 400 m deep.
 const ASIDE_OF_JOINED_SD: f32 = 0.03;
 const JOINED_APART: f32 = 1.5;
+/// What is left of that where the vessel is found without its image, in units of half of what they are apart: a law that fits 360 such passes.
+const ASIDE_OF_VESSEL_SD: f32 = 0.01;
 /// The same of one pair beside the two others: a law that fits the same passes heard by three hydrophones.
 const PAIRS_APART: f32 = 0.2;
 /// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
@@ -227,7 +229,7 @@ pub(super) fn bearing(
         both_angles += a * b;
         second_angle += b * b;
     }
-    let (azimuth, elevation) = wavefront::angles(direction);
+    let (azimuth, elevation) = wavefront::angles(&context.vessel.unwrap_or(*direction));
     // A step along the horizontal tangent turns the azimuth by 1/cos β; at the zenith azimuth means nothing.
     let widen = 1.0 / e.1[2].max(1e-3);
     let most = m::PI * m::PI / 3.0;
@@ -249,7 +251,8 @@ pub(super) fn bearing(
         }
         None => (plan.vessel_over_array_depth, UNKNOWN_DEPTH_SD * plan.vessel_over_array_depth),
     };
-    let (image, mut image_sd) = (rise * half, rise * image_sd);
+    let image = if context.vessel.is_some() { 0.0 } else { rise * half };
+    let mut image_sd = rise * image_sd;
     // From the middle, of the deepest that it may be where that is not known.
     let depth = context
         .depth
@@ -257,7 +260,12 @@ pub(super) fn bearing(
     let from_middle = rise * depth;
     let resolved = from_middle / context.band.resolution;
     let square = resolved * resolved;
-    if context.depth.is_none() {
+    if context.vessel.is_some() {
+        // An upper hydrophone that is late looks as if the vessel were as far from where it is as its image.
+        image_sd = ONE_OF_TWO_SD * from_middle;
+        let aside = ASIDE_OF_VESSEL_SD * from_middle;
+        first_angle += aside * aside;
+    } else if context.depth.is_none() || context.between {
         image_sd = m::hypot(image_sd, ONE_OF_TWO_SD * from_middle * (square * square).min(1.0));
         let far = ASIDE_OF_TWO_SD * from_middle * (square / (FAR_APART * FAR_APART)).min(1.0);
         let joined = (square / (JOINED_APART * JOINED_APART)).min(1.0);
