@@ -5,7 +5,7 @@
 //! longer way and the surface the fainter one. What is between them is `2 d sin β cos β / D` (d the vessel's depth, D the array's, β the elevation of the surface between them),
 //! whether or not fringes tell the depth. Each pulls the other's peak: upright pairs hear the vessel alone, level ones both, at the mean of their
 //! delays. So the image's expected cross-spectra are taken out as another source's are, and the vessel is refined in what is left; twice, as the image's place is only as good
-//! as the vessel's. In 360 random passes this leaves a quarter of the error of azimuths, and a tenth of that of elevations.
+//! as the vessel's.
 //!
 //! Cost: 25 000 instructions to look, up to 90 000 in shallow water; 400 000 to take the image out.
 
