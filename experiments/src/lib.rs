@@ -155,6 +155,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     sea_passes::BOTTOM,
     sea_near::EXPERIMENT,
     sea_random::EXPERIMENT,
+    sea_random::BOTTOM,
     sea_three::EXPERIMENT,
     sea_weak::EXPERIMENT,
     sea_sick::EXPERIMENT,

@@ -1,5 +1,7 @@
 //! `reproduce sea-random`: one vessel past one array, anyhow: slow and fast, faint and loud, overhead and far away, arrays in shallow and deep water.
 //!
+//! `reproduce sea-random-bottom`: the same over bottoms of any kind close below the array, and below waves.
+//!
 //! The other experiments have scenes of one kind each; what the recorder states is to hold in all that lies between. `--runs` is the number of passes.
 
 use super::figure::Bar;
@@ -22,6 +24,13 @@ pub const EXPERIMENT: Experiment = Experiment {
     run,
 };
 
+/// The same over a bottom.
+pub const BOTTOM: Experiment = Experiment {
+    name: "sea-random-bottom",
+    about: "the same passes over bottoms of any kind 1 to 30 m below the array, and below waves",
+    run: bottom,
+};
+
 /// Passes where the command line names no number.
 const RUNS: usize = 60;
 const DURATION_S: f64 = 200.0;
@@ -33,6 +42,10 @@ const SPEED_M_S: Range<f64> = 1.0..18.0;
 /// Depths of propellers, m, and source levels, dB.
 const PROPELLER_M: Range<f64> = 1.0..8.0;
 const LEVEL_DB: Range<f64> = 150.0..185.0;
+/// Metres from the array's centre down to the bottom, as likely in every octave, and the amplitudes that bottom and surface give back.
+const BELOW_M: Range<f64> = 1.0..30.0;
+const BOTTOM_REFLECTION: Range<f64> = 0.1..0.8;
+const SURFACE_REFLECTION: Range<f64> = 0.6..1.0;
 /// A pass with fewer of its azimuths in their 95 % is wrong for long, percent.
 const WRONG_FOR_LONG: f64 = 80.0;
 
@@ -61,12 +74,33 @@ fn scene(seed: u64) -> (usize, ArrayScenario) {
     (rate, scenario(config, Water::default(), vec![vessel], DURATION_S, seed))
 }
 
+/// The scene over a bottom, its surface in waves.
+fn over_bottom(mut scene: ArrayScenario) -> ArrayScenario {
+    let mut rng = ChaCha8Rng::seed_from_u64(!scene.scene.seed);
+    scene.scene.water = Water {
+        bottom_below_m: octaves(&mut rng, BELOW_M),
+        bottom_reflection: rng.random_range(BOTTOM_REFLECTION),
+        surface_reflection: -rng.random_range(SURFACE_REFLECTION),
+        ..scene.scene.water
+    };
+    scene
+}
+
 fn run(options: &Options) -> Result<()> {
+    passes(options, "sea_random", |scene| scene)
+}
+
+fn bottom(options: &Options) -> Result<()> {
+    passes(options, "sea_random_bottom", over_bottom)
+}
+
+fn passes(options: &Options, name: &'static str, water: fn(ArrayScenario) -> ArrayScenario) -> Result<()> {
     let seeds = (0..options.runs.unwrap_or(RUNS) as u64).map(|n| options.seed.wrapping_mul(1_000_003) + n);
-    let (rates, scenes): (Vec<usize>, Vec<ArrayScenario>) = seeds.map(scene).unzip();
+    let (rates, scenes): (Vec<usize>, Vec<ArrayScenario>) =
+        seeds.map(scene).map(|(rate, scene)| (rate, water(scene))).unzip();
     let passes = all("random passes", &scenes)?;
     let mut report = CsvReport::new(
-        "sea_random",
+        name,
         "rate_khz,depth_m,cpa_m,speed_m_s,propeller_m,source_db,bearings,ellipse_%,azimuth_%,tracks,faults",
     );
     for ((rate, scene), pass) in rates.iter().zip(&scenes).zip(&passes) {

@@ -183,6 +183,12 @@ impl State {
         self.memory.places = Places::of(places);
     }
 
+    /// Whether an echo off the bottom is known.
+    #[cfg(test)]
+    pub(super) fn hears_echo(&self) -> bool {
+        self.memory.echo.heard()
+    }
+
     /// Azimuth (radians) and depth (metres) of the strongest source, where fringes tell its depth: its elevations are told
     /// by that, others' by the depth assumed of vessels.
     pub fn depth_known(&self) -> Option<(f32, f32)> {

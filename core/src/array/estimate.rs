@@ -5,7 +5,6 @@ use super::apart::Apart;
 use super::chain::Scratch;
 use super::detect;
 use super::followed::Turn;
-use super::fringes;
 use super::leak;
 use super::memory::Memory;
 use super::others;
@@ -15,6 +14,7 @@ use super::refine;
 use super::report::{self, Others};
 use super::sick::{self, Sign, Turned};
 use super::spectra::Spectra;
+use super::surface;
 use super::three;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
@@ -91,8 +91,8 @@ pub(super) struct Context<'a> {
     /// By how much nearer to the source than half-way to its image both are heard because that is fainter, in units of the angle
     /// between them, and the standard deviation.
     pub(super) loss: (f32, f32),
-    /// Whether nothing tells where between the two it is heard.
-    pub(super) between: bool,
+    /// Whether an echo off the bottom joins the two, and fringes tell the depth nevertheless.
+    pub(super) echo: bool,
     /// Where the source itself is, where it is heard apart from its image.
     pub(super) vessel: Option<Direction>,
     pub(super) flags: u8,
@@ -188,7 +188,7 @@ pub(crate) fn segment(
         moment_sd_s: 0.0,
         depth: None,
         loss: (0.0, 0.0),
-        between: true,
+        echo: false,
         vessel: None,
         flags: u8::from(spectra.added.clipped)
             | (u8::from(spectra.added.bridged || share < WHOLE_SHARE) * BRIDGED)
@@ -303,6 +303,7 @@ pub(crate) fn segment(
         let leaked = leak::LEAKED_SAMPLES / plan.rate_hz;
         doubt.unexplained_s2 += CHANNELS as f32 * leaked * leaked;
     }
+    let mut apart = None;
     if let Some(first) = &first {
         let uneven = spectra.added.loudness.unevenness(spectra.added.frames) > MOST_UNEVEN_MOMENT;
         let heard = if alike && !uneven {
@@ -311,7 +312,7 @@ pub(crate) fn segment(
             // The powers of its two steps are not of the same hydrophones, or of snaps more than of it.
             Context { moment_sd_s: UNKNOWN_MOMENT_S, ..context }
         };
-        whole(heard, memory, first, doubt, spectra, scratch, sink);
+        apart = whole(heard, memory, first, doubt, spectra, scratch, sink);
         // What else is heard is told of the same moment: bearings of one index are judged together.
         context.index = heard.index;
     }
@@ -333,7 +334,7 @@ pub(crate) fn segment(
         // What leaks into one of the three stands beside the vessel, and is nobody.
         Turn::Search | Turn::Follow(_) if memory.sick.is_tainted() => {}
         Turn::Octave => others::octave(&context, memory, Some(&first), spectra, scratch, sink),
-        Turn::Search => others::search(&context, memory, &first, spectra, scratch, sink),
+        Turn::Search => others::search(&context, memory, (&first, apart), spectra, scratch, sink),
         Turn::Follow(place) => others::follow(&context, memory, place, &first, spectra, scratch, sink),
     }
 }
@@ -351,7 +352,7 @@ fn heard<'a>(context: &Context<'a>, spectra: &Spectra, start: u64, centre: u64, 
     Context { index: start.saturating_add(moment.max(0.0) as u64), moment_sd_s, ..*context }
 }
 
-/// Takes the whole band's source into the averages and reports it.
+/// Takes the whole band's source into the averages and reports it. Returns vessel and image where they are heard apart.
 fn whole(
     mut context: Context<'_>,
     memory: &mut Memory,
@@ -360,51 +361,15 @@ fn whole(
     spectra: &mut Spectra,
     scratch: &mut Scratch,
     sink: &mut impl FnMut(Message),
-) {
+) -> Option<Apart> {
     let plan = context.plan;
+    let mut apart = None;
     scratch.spectrum.measured = scratch.spectrum.raw.map(|c| c.max(0.0));
     scratch.spectrum.restore(refine::shared_signal(plan, context.band.used, &first.tau));
     memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
     let turned = memory.turned_meanwhile(&context);
     if plan.vessel_over_array_depth > 0.0 && context.band.used.all() {
-        let sine = memory.depth.surface(plan, &first.refined.direction);
-        // Another vessel in the same azimuth would be taken for the image, and an echo off the bottom pulls both.
-        let alone = !memory.others.any() && !memory.echo.heard();
-        let apart = if alone { Apart::seen(&context, &scratch.search, first) } else { None };
-        let told = match &apart {
-            Some(apart) => Some(apart.told(first.mean)),
-            None => fringes::depth_m(plan, spectra, sine, first.mean, &mut scratch.work),
-        };
-        let agrees = told.is_some_and(|told| memory.depth.agrees(&told));
-        memory.depth.take(told);
-        context.depth = memory.depth.known();
-        if let Some(apart) = apart.filter(|_| agrees) {
-            context.vessel = apart.vessel(&context, spectra, scratch);
-        } else if let Some((d, _)) = context.depth {
-            let (apart, usual) = report::image(plan, &first.refined.direction, d);
-            let delay_s = 2.0 * d * sine * plan.inv_c;
-            context.between = !fringes::are_wide(plan, delay_s);
-            let seen = (&scratch.spectrum.weight, &scratch.spectrum.raw);
-            let work = &mut scratch.work;
-            let image = memory.depth.image(plan, &first.refined.direction, memory.segments);
-            if context.between {
-                context.loss = (usual, 0.0);
-            } else if let Some(seen) =
-                fringes::loss(&context, first, spectra, seen, (delay_s, apart), image, work)
-            {
-                // Beyond that the fringes are not those of vessel and image alone.
-                let vessels = if memory.others.any() { 2.0 } else { 1.0 };
-                if seen.unexplained > vessels * fringes::THIRD_PATH {
-                    context.depth = None;
-                }
-                // The farther apart they stand, the less is a loss what it is taken for.
-                let resolved = 0.5 * apart / plan.whole.resolution;
-                if seen.unexplained < vessels * fringes::THIRD_PATH * (1.0 - resolved * resolved) {
-                    memory.depth.take_loss(&seen);
-                }
-                context.loss = memory.depth.shift(usual, seen.nearer);
-            }
-        }
+        apart = surface::joins(&mut context, memory, first, spectra, scratch);
     }
     let noise = context.noise(memory.averaged);
     refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);
@@ -434,6 +399,7 @@ fn whole(
         }
         sink(Message::Bearing(bearing));
     }
+    apart
 }
 
 /// Searches, refines and tests: the strongest source of whitened spectra, if there is one.

@@ -34,6 +34,8 @@ const CONTRAST: f32 = 0.85;
 /// Greatest share of it that any other delay may have, of either sign (echoes off the bottom, another vessel), and how far from the first in main lobes it begins.
 const NEXT: f32 = 0.3;
 const LOBE: usize = 2;
+/// The same of delays of its own sign where an echo off the bottom is known.
+const BESIDE_ECHO: f32 = 0.5;
 
 /// Segments whose depths are averaged, and how many must agree before they are believed.
 const AVERAGED: f32 = 8.0;
@@ -316,12 +318,13 @@ fn mean_power((low, high): (usize, usize), sums: &[Complex32], k: usize) -> Opti
 }
 
 /// The depth of a source below a surface that is seen from the array at an elevation of this sine, by one segment's spectra, where fringes are at
-/// least as deep as its `coherence`: those of two paths are, fainter ones are of three or four. `work` is used up.
+/// least as deep as its `coherence`: those of two paths are, fainter ones are of three or four. An `echo` off the bottom that is known shows a delay of the other sign,
+/// and that as much later and earlier than the image. `work` is used up.
 pub(super) fn depth_m(
     plan: &Plan,
     spectra: &Spectra,
     sine: f32,
-    coherence: f32,
+    (coherence, echo): (f32, bool),
     work: &mut Work,
 ) -> Option<Told> {
     // Samples of delay for a metre of depth.
@@ -360,8 +363,10 @@ pub(super) fn depth_m(
     }
     // The lobe of a band of so many bins reaches to its first zero.
     let lobe = LOBE * (FRAME as f32 / used) as usize + 1;
-    let others = (DELAYS.0..=DELAYS.1).filter(|other| other.abs_diff(n) > lobe);
-    if others.map(|n| m::abs(at(n))).fold(0.0, f32::max) > NEXT * height {
+    let mut others = (DELAYS.0..=DELAYS.1).filter(|other| other.abs_diff(n) > lobe);
+    let (like, unlike) = if echo { (BESIDE_ECHO, f32::MAX) } else { (NEXT, NEXT) };
+    let is_as_deep = |n: usize| at(n) > like * height || -at(n) > unlike * height;
+    if others.any(is_as_deep) {
         return None;
     }
     let bend = before - 2.0 * height + after;
@@ -401,6 +406,11 @@ mod tests {
 
     /// A spectrum falling by 20 dB a decade from `shape` of the angular frequency, in a third as much noise.
     fn told(plan: &Plan, shape: impl Fn(f64) -> f64) -> Option<f32> {
+        told_beside(plan, false, shape)
+    }
+
+    /// The same where an echo off the bottom is known or is not.
+    fn told_beside(plan: &Plan, echo: bool, shape: impl Fn(f64) -> f64) -> Option<f32> {
         let mut spectra = Box::new(Spectra::new());
         for (r, run) in spectra.runs.iter_mut().enumerate() {
             for i in 0..transform::RUN {
@@ -410,7 +420,7 @@ mod tests {
             }
         }
         let mut work = Box::new([Complex32::new(0.0, 0.0); 2 * FRAME + 1]);
-        depth_m(plan, &spectra, SINE, 0.5, &mut work).map(|told| told.depth_m)
+        depth_m(plan, &spectra, SINE, (0.5, echo), &mut work).map(|told| told.depth_m)
     }
 
     #[test]
@@ -436,6 +446,25 @@ mod tests {
             let two = |omega: f64| 2.0 - md::cos(omega * delay_s(3.0)) - 0.8 * md::cos(omega * delay_s(5.5));
             assert_eq!(told(&plan, two), None, "two vessels");
         }
+    }
+
+    #[test]
+    fn fringes_tell_the_depth_over_a_bottom_where_its_echo_is_known() {
+        let plan = plan(64_000.0);
+        let delay_s = |depth_m: f64| 2.0 * depth_m * f64::from(SINE * plan.inv_c);
+        for (below_m, coefficient) in [(1.5, 0.3), (8.0, 0.3), (8.0, 0.5)] {
+            let heard = |omega: f64| {
+                let image = 1.0 - md::cos(omega * delay_s(4.0));
+                let echo = 2.0 * coefficient * md::cos(omega * delay_s(below_m));
+                image * (1.0 + coefficient * coefficient + echo)
+            };
+            assert_eq!(told(&plan, heard), None, "{below_m} m, {coefficient}");
+            let told = told_beside(&plan, true, heard);
+            assert!(told.is_some_and(|m| (m - 4.0).abs() < 0.1), "{below_m} m, {coefficient}: {told:?}");
+        }
+        // Two vessels are two beside an echo as well.
+        let two = |omega: f64| 2.0 - md::cos(omega * delay_s(3.0)) - 0.8 * md::cos(omega * delay_s(5.5));
+        assert_eq!(told_beside(&plan, true, two), None);
     }
 
     #[test]

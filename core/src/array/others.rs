@@ -4,6 +4,7 @@
 //! much as the first, a look at one that is followed half of that; each uses the spectra up, so that a segment has one of them.
 
 use super::agreement::Doubt;
+use super::apart::Apart;
 use super::chain::Scratch;
 use super::echo::Echo;
 use super::estimate::{Context, Found, MOST_UNEVEN, examine, find};
@@ -130,14 +131,17 @@ pub(super) fn octave(
 pub(super) fn search(
     context: &Context<'_>,
     memory: &mut Memory,
-    first: &Found,
+    (first, apart): (&Found, Option<Apart>),
     spectra: &mut Spectra,
     scratch: &mut Scratch,
     sink: &mut impl FnMut(Message),
 ) {
     let plan = context.plan;
     let segment = memory.segments;
-    refine::remove(plan, context.band, spectra, &first.tau, &scratch.spectrum.measured);
+    match apart {
+        Some(apart) => apart.remove(context, spectra, &mut scratch.spectrum),
+        None => refine::remove(plan, context.band, spectra, &first.tau, &scratch.spectrum.measured),
+    }
     let known = memory.others.known;
     for known in known.iter().filter(|k| k.lasts()) {
         let at = known.expected(segment);
@@ -160,9 +164,9 @@ pub(super) fn search(
     };
     let other = find(context, None, spectra, scratch);
     // What comes from below in the vessel's own direction is no vessel.
-    memory.echo.look(context, first, &scratch.search);
+    memory.echo.look(context, first, &scratch.search, apart.is_some());
     let echo = |other: &Found| Echo::is(context, first, other);
-    let image = || paths::is_image(context, spectra, first, &scratch.spectrum.measured);
+    let image = || apart.is_none() && paths::is_image(context, spectra, first, &scratch.spectrum.measured);
     let other = other.filter(|other| !echo(other) && is_new(&other.refined.direction) && !image());
     let Some(other) = other else {
         memory.others.drop_doubtful();

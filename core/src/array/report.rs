@@ -158,9 +158,9 @@ pub(super) fn bearing(
                 // Under no surface only what lasts, and of another source its scatter tells what it does.
                 None if plan.vessel_over_array_depth <= 0.0 && alone => PATHS * PATHS * lasting,
                 None if plan.vessel_over_array_depth <= 0.0 => 0.0,
-                None => PATHS * PATHS * rise,
                 Some(_) if alone => 0.0,
-                Some(_) => rise,
+                Some(_) if !context.echo => rise,
+                _ => PATHS * PATHS * rise,
             };
             if let Some(scatter) = scatter {
                 // The scatter has the noise in it.
@@ -265,7 +265,7 @@ pub(super) fn bearing(
         image_sd = ONE_OF_TWO_SD * from_middle;
         let aside = ASIDE_OF_VESSEL_SD * from_middle;
         first_angle += aside * aside;
-    } else if context.depth.is_none() || context.between {
+    } else {
         image_sd = m::hypot(image_sd, ONE_OF_TWO_SD * from_middle * (square * square).min(1.0));
         let far = ASIDE_OF_TWO_SD * from_middle * (square / (FAR_APART * FAR_APART)).min(1.0);
         let joined = (square / (JOINED_APART * JOINED_APART)).min(1.0);

@@ -114,6 +114,8 @@ pub(super) struct Heard {
     pub(super) bearings: Vec<Bearing>,
     pub(super) transients: Vec<Transient>,
     pub(super) channels: u8,
+    /// Whether an echo off the bottom was known at the end.
+    pub(super) echo: bool,
 }
 
 pub(super) fn hear(plan: &Plan, sea: &[[f64; CHANNELS]]) -> Heard {
@@ -127,9 +129,9 @@ pub(super) fn hear(plan: &Plan, sea: &[[f64; CHANNELS]]) -> Heard {
         _ => {}
     };
     push(plan, &mut state, &mut scratch, Block { first_index: 0, frames: &frames }, &mut sink);
-    let channels = state.channels(plan);
+    let (channels, echo) = (state.channels(plan), state.hears_echo());
     finish(plan, &mut state, &mut scratch, &mut sink);
-    Heard { faults, bearings, transients, channels }
+    Heard { faults, bearings, transients, channels, echo }
 }
 
 /// Error of a bearing of the usual direction across and up, radians.

@@ -1,0 +1,70 @@
+//! What the surface makes of the strongest source: how deep the vessel is, whether it is heard apart from its image, and where between the two.
+//!
+//! Enters: a source found and the segment's spectra. Leaves, in the segment's context: the depth, by the image's fringes ([`super::fringes`]) or by the angle between the
+//! two ([`super::apart`]); the vessel's own direction where they are apart; and by how much nearer to the vessel than half-way both are heard elsewhere. An echo off the bottom joins
+//! both: of what is heard with one the angle tells nothing, fringes still do, and where they are heard is told with as large a deviation as without a depth.
+
+use super::apart::Apart;
+use super::chain::Scratch;
+use super::estimate::{Context, Found};
+use super::fringes;
+use super::memory::Memory;
+use super::report;
+use super::spectra::Spectra;
+
+/// Takes what a segment tells of it; returns vessel and image where they are heard apart.
+#[inline(never)]
+pub(super) fn joins(
+    context: &mut Context<'_>,
+    memory: &mut Memory,
+    first: &Found,
+    spectra: &mut Spectra,
+    scratch: &mut Scratch,
+) -> Option<Apart> {
+    let plan = context.plan;
+    let direction = &first.refined.direction;
+    let sine = memory.depth.surface(plan, direction);
+    let (others, echo) = (memory.others.any(), memory.echo.heard());
+    // Another vessel in the same azimuth would be taken for the image.
+    let seen = if others { None } else { Apart::seen(context, &scratch.search, first) };
+    let by_angle = seen.as_ref().map(|seen| seen.told(first.mean));
+    let agrees = by_angle.is_some_and(|told| memory.depth.agrees(&told));
+    let told = by_angle
+        .filter(|_| !echo)
+        .or_else(|| fringes::depth_m(plan, spectra, sine, (first.mean, echo), &mut scratch.work));
+    memory.depth.take(told);
+    let apart = seen.filter(|_| agrees && !echo);
+    let apart = apart.and_then(|a| a.told_apart(context, spectra, &mut scratch.spectrum));
+    if apart.is_some() {
+        (context.depth, context.vessel) = (memory.depth.known(), apart.map(|apart| apart.vessel()));
+        return apart;
+    }
+    // The angle tells nothing of where between the two they are heard together.
+    context.depth = memory.depth.by_fringes();
+    let Some((d, _)) = context.depth else { return seen };
+    context.echo = echo && !others;
+    let (angle, usual) = report::image(plan, direction, d);
+    let delay_s = 2.0 * d * sine * plan.inv_c;
+    if !fringes::are_wide(plan, delay_s) {
+        context.loss = (usual, 0.0);
+        return seen;
+    }
+    let image = memory.depth.image(plan, direction, memory.segments);
+    let heard = (&scratch.spectrum.weight, &scratch.spectrum.raw);
+    if let Some(loss) =
+        fringes::loss(context, first, spectra, heard, (delay_s, angle), image, &mut scratch.work)
+    {
+        // Beyond that the fringes are not those of vessel and image alone.
+        let most = fringes::THIRD_PATH * if others { 2.0 } else { 1.0 };
+        if loss.unexplained > most && !context.echo {
+            context.depth = None;
+        }
+        // The farther apart they stand, the less is a loss what it is taken for.
+        let resolved = 0.5 * angle / plan.whole.resolution;
+        if loss.unexplained < most * (1.0 - resolved * resolved) {
+            memory.depth.take_loss(&loss);
+        }
+        context.loss = memory.depth.shift(usual, loss.nearer);
+    }
+    seen
+}
