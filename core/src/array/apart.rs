@@ -32,6 +32,8 @@ const MOST: f32 = 160.0;
 const MOST_APART: f32 = 1.0;
 /// Standard deviation of the angle between their peaks, which pull each other, resolutions: a law that fits the same passes.
 const SD_CELLS: f32 = 0.15;
+/// Depths farther apart than this share are not one.
+const OTHER_DEPTH: f32 = 0.25;
 /// How often the image is taken out.
 const ROUNDS: usize = 2;
 /// Sines of the lowest and the highest elevation of either.
@@ -106,6 +108,11 @@ impl Apart {
     /// The depth, where the source is so coherent.
     pub(super) fn told(&self, coherence: f32) -> Told {
         Told::apart(self.depth, coherence)
+    }
+
+    /// Whether it is another depth than fringes tell: then the other peak is another lobe, or another path's.
+    pub(super) fn contradicts(&self, depth_m: f32) -> bool {
+        m::abs(self.depth.0 - depth_m) > OTHER_DEPTH * depth_m
     }
 
     /// The vessel's direction.

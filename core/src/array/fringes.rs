@@ -96,6 +96,11 @@ impl Told {
     pub(super) const fn apart((depth_m, sd_m): (f32, f32), height: f32) -> Self {
         Self { depth_m, sd_m, height, by_fringes: false }
     }
+
+    /// The depth, metres.
+    pub(super) const fn depth_m(&self) -> f32 {
+        self.depth_m
+    }
 }
 
 /// Whether fringes of an image so late (seconds) are no narrower than the bins.
@@ -146,11 +151,6 @@ impl Depth {
     pub(super) fn image(&self, plan: &Plan, direction: &wavefront::Direction, segment: u32) -> Option<Image> {
         let due = self.framed.is_none() || segment.is_multiple_of(framed::EVERY);
         due.then(|| Image::of(plan, direction, self.surface(plan, direction), self.mean_m, self.height))
-    }
-
-    /// Whether segments agree, and with this one.
-    pub(super) fn agrees(&self, told: &Told) -> bool {
-        self.agreed >= AGREEING && m::abs(told.depth_m - self.mean_m) <= SAME * self.mean_m
     }
 
     /// Depth and its standard deviation, metres, where segments agree.

@@ -266,7 +266,10 @@ pub(super) fn bearing(
         let aside = ASIDE_OF_VESSEL_SD * from_middle;
         first_angle += aside * aside;
     } else {
-        image_sd = m::hypot(image_sd, ONE_OF_TWO_SD * from_middle * (square * square).min(1.0));
+        let part = (square * square).min(1.0);
+        // With a depth known it is sudden.
+        let part = if context.depth.is_some() && !context.echo { part * part } else { part };
+        image_sd = m::hypot(image_sd, ONE_OF_TWO_SD * from_middle * part);
         let far = ASIDE_OF_TWO_SD * from_middle * (square / (FAR_APART * FAR_APART)).min(1.0);
         let joined = (square / (JOINED_APART * JOINED_APART)).min(1.0);
         let joined = ASIDE_OF_JOINED_SD * context.band.resolution * joined * joined;

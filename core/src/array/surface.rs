@@ -25,22 +25,23 @@ pub(super) fn joins(
     let direction = &first.refined.direction;
     let sine = memory.depth.surface(plan, direction);
     let (others, echo) = (memory.others.any(), memory.echo.heard());
+    let by_fringes = fringes::depth_m(plan, spectra, sine, (first.mean, echo), &mut scratch.work);
     // Another vessel in the same azimuth would be taken for the image.
     let seen = if others { None } else { Apart::seen(context, &scratch.search, first) };
-    let by_angle = seen.as_ref().map(|seen| seen.told(first.mean));
-    let agrees = by_angle.is_some_and(|told| memory.depth.agrees(&told));
-    let told = by_angle
-        .filter(|_| !echo)
-        .or_else(|| fringes::depth_m(plan, spectra, sine, (first.mean, echo), &mut scratch.work));
-    memory.depth.take(told);
-    let apart = seen.filter(|_| agrees && !echo);
+    let fringes_m = by_fringes.map(|told| told.depth_m()).or(memory.depth.by_fringes().map(|(d, _)| d));
+    let seen = seen.filter(|seen| fringes_m.is_none_or(|d| !seen.contradicts(d)));
+    // Before this one.
+    let known = memory.depth.known().filter(|_| !echo);
+    let by_angle = seen.as_ref().filter(|_| !echo).map(|seen| seen.told(first.mean));
+    memory.depth.take(by_fringes.or(by_angle));
+    let apart = seen.filter(|seen| known.is_some_and(|(d, _)| !seen.contradicts(d)));
     let apart = apart.and_then(|a| a.told_apart(context, spectra, &mut scratch.spectrum));
     if apart.is_some() {
         (context.depth, context.vessel) = (memory.depth.known(), apart.map(|apart| apart.vessel()));
         return apart;
     }
-    // The angle tells nothing of where between the two they are heard together.
-    context.depth = memory.depth.by_fringes();
+    // An echo pulls what the angle tells.
+    context.depth = if echo { memory.depth.by_fringes() } else { memory.depth.known() };
     let Some((d, _)) = context.depth else { return seen };
     context.echo = echo && !others;
     let (angle, usual) = report::image(plan, direction, d);
