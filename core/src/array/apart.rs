@@ -44,6 +44,8 @@ const SINES: core::ops::Range<f32> = 0.0..0.998;
 pub(super) struct Apart {
     vessel: Direction,
     image: Direction,
+    /// Sine of the elevation of the surface between them.
+    surface: f32,
     /// Depth of the vessel and its standard deviation, metres.
     depth: (f32, f32),
 }
@@ -102,12 +104,17 @@ impl Apart {
         let a_metre = 2.0 * between * m::sqrt((1.0 - between * between).max(0.0)) / plan.depth_m;
         let depth_m = m::abs(up) / a_metre;
         let depth = (depth_m, SD_CELLS * cell / a_metre);
-        (a_metre > 0.0 && depth_m <= DEEPEST_M).then_some(Self { vessel, image, depth })
+        (a_metre > 0.0 && depth_m <= DEEPEST_M).then_some(Self { vessel, image, surface: between, depth })
     }
 
     /// The depth, where the source is so coherent.
     pub(super) fn told(&self, coherence: f32) -> Told {
         Told::apart(self.depth, coherence)
+    }
+
+    /// Sine of the elevation of the surface between them.
+    pub(super) const fn surface(&self) -> f32 {
+        self.surface
     }
 
     /// Whether it is another depth than fringes tell: then the other peak is another lobe, or another path's.

@@ -150,6 +150,11 @@ impl Followed {
         self.known.iter().any(|k| k.found > 0)
     }
 
+    /// Whether there are any that two searches found.
+    pub(super) fn lasts(&self) -> bool {
+        self.known.iter().any(|k| k.lasts())
+    }
+
     /// Whether a pair hears one of them, or of those that were the strongest once (`led`), at a delay (seconds), to so many samples.
     #[inline(never)]
     pub(super) fn explain(

@@ -25,9 +25,11 @@ pub(super) fn joins(
     let direction = &first.refined.direction;
     let sine = memory.depth.surface(plan, direction);
     let (others, echo) = (memory.others.any(), memory.echo.heard());
-    let by_fringes = fringes::depth_m(plan, spectra, sine, (first.mean, echo), &mut scratch.work);
     // Another vessel in the same azimuth would be taken for the image.
-    let seen = if others { None } else { Apart::seen(context, &scratch.search, first) };
+    let seen = if memory.others.lasts() { None } else { Apart::seen(context, &scratch.search, first) };
+    // Where the two are heard as one that is the surface's direction.
+    let surface = seen.as_ref().map_or(sine, |seen| seen.surface());
+    let by_fringes = fringes::depth_m(plan, spectra, surface, (first.mean, echo), &mut scratch.work);
     let fringes_m = by_fringes.map(|told| told.depth_m()).or(memory.depth.by_fringes().map(|(d, _)| d));
     let seen = seen.filter(|seen| fringes_m.is_none_or(|d| !seen.contradicts(d)));
     // Before this one.
