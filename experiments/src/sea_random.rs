@@ -81,7 +81,6 @@ fn over_bottom(mut scene: ArrayScenario) -> ArrayScenario {
         bottom_below_m: octaves(&mut rng, BELOW_M),
         bottom_reflection: rng.random_range(BOTTOM_REFLECTION),
         surface_reflection: -rng.random_range(SURFACE_REFLECTION),
-        ..scene.scene.water
     };
     scene
 }
