@@ -28,22 +28,22 @@ pub(super) fn joins(
     // Another vessel in the same azimuth would be taken for the image.
     let seen = if memory.others.lasts() { None } else { Apart::seen(context, &scratch.search, first) };
     // Where the two are heard as one that is the surface's direction.
-    let surface = seen.as_ref().map_or(sine, |seen| seen.surface());
+    let surface = seen.map_or(sine, |seen| seen.surface());
     let by_fringes = fringes::depth_m(plan, spectra, surface, (first.mean, echo), &mut scratch.work);
     let fringes_m = by_fringes.map(|told| told.depth_m()).or(memory.depth.by_fringes().map(|(d, _)| d));
     let seen = seen.filter(|seen| fringes_m.is_none_or(|d| !seen.contradicts(d)));
-    // Before this one.
-    let known = memory.depth.known().filter(|_| !echo);
-    let by_angle = seen.as_ref().filter(|_| !echo).map(|seen| seen.told(first.mean));
-    memory.depth.take(by_fringes.or(by_angle));
-    let apart = seen.filter(|seen| known.is_some_and(|(d, _)| !seen.contradicts(d)));
-    let apart = apart.and_then(|a| a.told_apart(context, spectra, &mut scratch.spectrum));
-    if apart.is_some() {
-        (context.depth, context.vessel) = (memory.depth.known(), apart.map(|apart| apart.vessel()));
-        return apart;
-    }
     // An echo pulls what the angle tells.
+    let known = memory.depth.known().filter(|_| !echo);
+    let by_angle = seen.filter(|_| !echo).map(|seen| seen.told(first.mean));
+    memory.depth.take(by_fringes.or(by_angle));
     context.depth = if echo { memory.depth.by_fringes() } else { memory.depth.known() };
+    // Believed by what segments before this one agreed on.
+    if let Some(seen) = seen.filter(|seen| known.is_some_and(|(d, _)| !seen.contradicts(d))) {
+        // That uses the coherence up, which the image's loss is told by.
+        let apart = seen.told_apart(context, spectra, &mut scratch.spectrum);
+        context.vessel = apart.map(|apart| apart.vessel());
+        return apart.or(Some(seen));
+    }
     let Some((d, _)) = context.depth else { return seen };
     context.echo = echo && !others;
     let (angle, usual) = report::image(plan, direction, d);
