@@ -48,6 +48,8 @@ struct Defect {
     pressure_in: Option<i64>,
     /// What vessels of known track are to tell.
     known: Option<&'static str>,
+    /// Whether a horizontal component is louder by noise of its own, which is in doubt and no fault.
+    noisier: bool,
 }
 
 /// As told.
@@ -61,6 +63,7 @@ const SOUND: Defect = Defect {
     within_days: 1,
     pressure_in: None,
     known: None,
+    noisier: false,
 };
 
 /// Added to a component's number in `Exchanged` where pressure stands in its place (docs/wire.md).
@@ -162,6 +165,7 @@ const DEFECTS: [Defect; 21] = [
     Defect {
         name: "north 6 dB noisier",
         codes: |f @ [p, n, e, z]| [p, n + noise(f, 3f64.sqrt()), e, z],
+        noisier: true,
         ..SOUND
     },
     Defect {
@@ -337,8 +341,23 @@ fn run(options: &Options) -> Result<()> {
             said.faults.iter().partition(|f| Some(f.code) == defect.wanted);
         // That a sign is wrong is known before it is known whose, and is no other name.
         let is_of_signs = matches!(defect.wanted, Some(FaultCode::Reversed | FaultCode::Exchanged));
-        let others: Vec<&Fault> =
-            others.into_iter().filter(|f| !is_of_signs || f.code != FaultCode::SignInDoubt).collect();
+        // So is that one component is louder before it is known whether that is its gain or noise; and that a doubt is over names nothing.
+        let is_of_gain = defect.wanted == Some(FaultCode::Unequal) || defect.noisier;
+        let may_be = |code: FaultCode| match code {
+            FaultCode::SignInDoubt => is_of_signs,
+            FaultCode::GainInDoubt => is_of_gain,
+            _ => false,
+        };
+        let (warned, others): (Vec<&Fault>, Vec<&Fault>) = others.into_iter().partition(|f| match f.code {
+            FaultCode::SetUpGood => {
+                FaultCode::ALL.iter().any(|over| may_be(*over) && *over as i64 == f.value)
+            }
+            code => may_be(code),
+        });
+        if is_of_gain {
+            let first = warned.iter().chain(&named).map(|f| hours(f)).fold(f64::INFINITY, f64::min);
+            figures.at_most(format!("{name}: warned of after, h of the record"), first, 24.0);
+        }
         if defect.wanted.is_some() {
             let first = named.first().map_or(f64::INFINITY, |f| hours(f));
             figures.at_most(

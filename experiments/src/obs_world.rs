@@ -106,8 +106,8 @@ impl Case {
     /// What the station said is wrong with its own set-up.
     pub fn set_up_faults(&self) -> Vec<Fault> {
         let of_set_up = |code: FaultCode| {
-            use FaultCode::{Exchanged, OwnNoise, Reversed, SignInDoubt, TableOff, Unequal};
-            matches!(code, SignInDoubt | Reversed | Exchanged | Unequal | TableOff | OwnNoise)
+            use FaultCode::{Exchanged, GainInDoubt, OwnNoise, Reversed, SignInDoubt, TableOff, Unequal};
+            matches!(code, SignInDoubt | Reversed | Exchanged | GainInDoubt | Unequal | TableOff | OwnNoise)
         };
         let faults =
             self.messages.iter().filter_map(|m| if let Message::Fault(f) = m { Some(*f) } else { None });

@@ -368,11 +368,14 @@ pub enum FaultCode {
     FalseEdge,
     /// The vertical motion has the wrong sign beside pressure: something is turned round or exchanged, and it is not known yet what. The component.
     SignInDoubt,
+    /// One horizontal component is louder than the other where no vessel is heard, and it is not known yet whether it is its gain or noise of
+    /// its own: north over east, tenths of a decibel.
+    GainInDoubt,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 35] = [
+    pub const ALL: [Self; 36] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -408,6 +411,7 @@ impl FaultCode {
         Self::SpeedContradicted,
         Self::FalseEdge,
         Self::SignInDoubt,
+        Self::GainInDoubt,
     ];
 }
 

@@ -304,13 +304,17 @@ impl Checks {
     }
 
     fn tell_gain(&mut self, index: u64, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
-        match self.gains.news() {
-            Some(Some(ratio_db)) => {
-                let value = math::f32::round(10.0 * ratio_db) as i64;
-                faults.gather(Fault { code: FaultCode::Unequal, index, value }, sink);
+        for (code, news) in
+            [(FaultCode::Unequal, self.gains.news()), (FaultCode::GainInDoubt, self.gains.doubt())]
+        {
+            match news {
+                Some(Some(ratio_db)) => {
+                    let value = math::f32::round(10.0 * ratio_db) as i64;
+                    faults.gather(Fault { code, index, value }, sink);
+                }
+                Some(None) => faults.note(FaultCode::SetUpGood, index, code as u64, sink),
+                None => {}
             }
-            Some(None) => faults.note(FaultCode::SetUpGood, index, FaultCode::Unequal as u64, sink),
-            None => {}
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Whether the horizontal components are of one gain: by their noise, and by the vessels that both have heard.
 //!
 //! Enters: moments of minutes with and without a vessel. Leaves: by how much north is louder than east, and how sure that is; the news
-//! that they are unequal, or no longer.
+//! that they are unequal, or may be, or no longer.
 //!
 //! - Noise. What of a horizontal component's power is not coherent with pressure is noise without a direction. The median of its
 //!   ratio over minutes without a vessel is followed in small steps, larger ones at first and where it is far off: an hour of a shaking
@@ -67,6 +67,12 @@ const TOLD: f32 = 0.95;
 const OVER: f32 = 0.5;
 const EQUAL_DB: f32 = 1.5;
 
+/// Minutes without a vessel from which on it is told that either may be so (a tide's current shakes an instrument for less), the least probability of a gain at which it is, and below which vessels
+/// have decided.
+const HEARD: f32 = 240.0;
+const OPEN: f32 = 0.3;
+const DECIDED: f32 = 0.1;
+
 /// Deviation of what is told of both possibilities, of its distance to the farther one, and that of the ratio of noise where it is one of gain, dB.
 const FARTHER: f32 = 0.6;
 const BY_NOISE_DB: f32 = 0.7;
@@ -115,6 +121,7 @@ pub(super) struct Gains {
     /// Variance that is stated, dB².
     doubt_db2: f32,
     said: bool,
+    in_doubt: bool,
     /// What is certain of it, dB: the sum of its jumps beside vessels. All else is of what is heard without it.
     known_db: f32,
     /// The last of these, dB; 0 where vessels have said that it was none.
@@ -148,6 +155,7 @@ impl Gains {
             sums: [0.0; 6],
             doubt_db2: 0.0,
             said: false,
+            in_doubt: false,
             known_db: 0.0,
             jump_db: 0.0,
         }
@@ -334,6 +342,19 @@ impl Gains {
             return Some(None);
         }
         None
+    }
+
+    /// After [`Self::news`]: the news that north is louder than east, by so many dB, and it is open whether that is gain or noise, or that it is
+    /// decided or over.
+    pub(super) fn doubt(&mut self) -> Option<Option<f32>> {
+        let (off_db, probability) = (math::f32::abs(self.ratio_db), self.probability());
+        let open = if self.in_doubt {
+            off_db >= EQUAL_DB && probability > DECIDED
+        } else {
+            self.compared >= HEARD && off_db >= UNEQUAL_DB && probability > OPEN
+        };
+        let open = open && !self.said;
+        (core::mem::replace(&mut self.in_doubt, open) != open).then_some(open.then_some(self.ratio_db))
     }
 
     /// Whether nothing is taken out yet: the ratio is of minutes beside vessels alone, which may be of one that lies along a component, and they

@@ -66,6 +66,36 @@ fn unequal_components_are_named_and_a_shaking_instrument_is_not() {
     assert!(once(&said(1.7, 1000, |_| noise(1.7)), 20));
 }
 
+/// What is said to be open of minutes of noise, then of vessels with that gain of north and so many times the noise: tenths of a decibel.
+fn open(noises: impl Iterator<Item = Moments>, gain: f32, noisier: f32) -> Vec<Option<i32>> {
+    let mut gains = Gains::new();
+    let vessels = (0..310).map(|n| (true, heard(gain, n as f32 / 19.0, 1.0, 0.2, noisier)));
+    let mut said = Vec::new();
+    for (vessel, m) in noises.map(|m| (false, m)).chain(vessels) {
+        if vessel {
+            gains.vessel(&m);
+        } else {
+            gains.noise(&m, 1.0);
+        }
+        gains.news();
+        said.extend(gains.doubt().map(|news| news.map(|db| math::f32::round(10.0 * db) as i32)));
+    }
+    said
+}
+
+#[test]
+fn a_louder_component_is_in_doubt_until_vessels_have_decided() {
+    let louder = |minutes| (0..minutes).map(|_| noise(2.0));
+    // Gain and noise of its own alike.
+    assert_eq!(open(louder(300), 2.0, 1.0), [Some(30), None]);
+    assert_eq!(open(louder(300), 1.0, 2.0), [Some(30), None]);
+    // Not within hours, nor where it is nothing, or where an instrument shakes that long.
+    assert_eq!(open(louder(200), 1.0, 1.0), []);
+    assert_eq!(open((0..400).map(|_| noise(1.3)), 1.0, 1.0), []);
+    let shaking = (0..1440).map(|n| noise(if n % 720 > 480 { 10.0 } else { 1.0 }));
+    assert_eq!(open(shaking, 1.0, 1.0), []);
+}
+
 #[test]
 fn vessels_from_many_sides_tell_any_gain_and_from_one_none() {
     for gain_db in [-20.0f32, -3.0, 0.0, 1.0, 10.0] {

@@ -53,6 +53,11 @@ impl Warning {
                 "the gain of north is {:.1} dB over that of east: look at `sensitivity` of both, and at the sensor's levelling; directions are told with that put right",
                 value as f64 / 10.0
             ),
+            FaultCode::GainInDoubt => format!(
+                "north is {:.1} dB louder than east where no vessel is heard: a gain that is not as told, or noise of one component alone, and which is \
+                 said once vessels have passed; until then directions hold it for either (look at `sensitivity` of both, and at the sensor's levelling)",
+                value as f64 / 10.0
+            ),
             FaultCode::TableOff => format!(
                 "two pairs of paths put one vessel at ranges {value} m apart: look at the propagation table's depth and sound speed \
                  (`propagation fit`); until then no range is told as detected, and tracks hold half of their range and speed for uncertain"
@@ -90,6 +95,8 @@ mod tests {
         assert_eq!((&unequal["type"], &unequal["code"]), (&"warning".into(), &"Unequal".into()), "{unequal}");
         assert_eq!((&unequal["t_s"], &unequal["value"]), (&2.0.into(), &(-31).into()), "{unequal}");
         assert!(unequal["text"].as_str().unwrap().contains("-3.1 dB"), "{unequal}");
+        let open = said(FaultCode::GainInDoubt, 24)["text"].as_str().unwrap().to_owned();
+        assert!(open.starts_with("north is 2.4 dB louder"), "{open}");
         for (value, words) in [
             (2, "the vertical component and east"),
             (5, "pressure and north"),

@@ -60,6 +60,7 @@ pub fn doubted(messages: &[Message], rate_hz: f64) -> Vec<Doubted> {
             | FaultCode::Reversed
             | FaultCode::Exchanged
             | FaultCode::Unequal
+            | FaultCode::GainInDoubt
             | FaultCode::TableOff => match out.iter_mut().find(|d| is_open(d, f.code)) {
                 Some(d) => d.fault = *f,
                 None => out.push(Doubted { fault: *f, from_s: t_s, to_s: None }),
