@@ -48,6 +48,9 @@ pub(super) struct Apart {
     surface: f32,
     /// Depth of the vessel and its standard deviation, metres.
     depth: (f32, f32),
+    /// The vessel's own delay of each pair, and those that its direction has, seconds: known once it is told.
+    pair_delay: [f32; PAIR_COUNT],
+    tau: [f32; PAIR_COUNT],
 }
 
 impl Apart {
@@ -104,7 +107,14 @@ impl Apart {
         let a_metre = 2.0 * between * m::sqrt((1.0 - between * between).max(0.0)) / plan.depth_m;
         let depth_m = m::abs(up) / a_metre;
         let depth = (depth_m, SD_CELLS * cell / a_metre);
-        (a_metre > 0.0 && depth_m <= DEEPEST_M).then_some(Self { vessel, image, surface: between, depth })
+        (a_metre > 0.0 && depth_m <= DEEPEST_M).then_some(Self {
+            vessel,
+            image,
+            surface: between,
+            depth,
+            pair_delay: [0.0; PAIR_COUNT],
+            tau: [0.0; PAIR_COUNT],
+        })
     }
 
     /// The depth, where the source is so coherent.
@@ -120,6 +130,11 @@ impl Apart {
     /// Whether it is another depth than fringes tell: then the other peak is another lobe, or another path's.
     pub(super) fn contradicts(&self, depth_m: f32) -> bool {
         m::abs(self.depth.0 - depth_m) > OTHER_DEPTH * depth_m
+    }
+
+    /// The delays of a vessel that is told: each pair's own, and those that its direction has.
+    pub(super) const fn pair_delays(&self) -> (&[f32; PAIR_COUNT], &[f32; PAIR_COUNT]) {
+        (&self.pair_delay, &self.tau)
     }
 
     /// The vessel's direction.
@@ -173,7 +188,10 @@ impl Apart {
             let refined = refine::refine(plan, band, spectra, &work.weight, &self.vessel, curvature);
             work.smooth.iter_mut().for_each(|c| *c = -*c);
             refine::remove(plan, band, spectra, &others, &work.smooth);
-            let refined = refined?.direction;
+            let refined = refined?;
+            self.pair_delay = refined.pair_delay;
+            self.tau = context.delays(&refined.direction, curvature);
+            let refined = refined.direction;
             // The image is as much too low as the vessel was too high, and as far aside.
             let off = |k: usize| self.vessel[k] - refined[k];
             let [x, y, z] = self.image;
@@ -188,7 +206,7 @@ impl Apart {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_sea::{error_from, hear, noisy, planned, source};
+    use super::super::test_sea::{Heard, error_from, hear, noisy, planned, source};
     use crate::block::CHANNELS;
     use crate::wire::Bearing;
     use std::vec::Vec;
@@ -200,19 +218,52 @@ mod tests {
 
     /// A vessel so deep (metres) and its image of this amplitude, 168 m above an array that takes vessels for 4 m deep: the directions of both, and what is told.
     fn told(azimuth: f64, depth_m: f64, amplitude: f64, rms: f64) -> ([f64; 2], Vec<Bearing>) {
+        let (up, heard) = late(azimuth, depth_m, (amplitude, rms), None);
+        (up, heard.bearings)
+    }
+
+    /// The same with a hydrophone a sample late.
+    fn late(
+        azimuth: f64,
+        depth_m: f64,
+        (amplitude, rms): (f64, f64),
+        channel: Option<usize>,
+    ) -> ([f64; 2], Heard) {
         let plan = planned(RATE_HZ, |array| array.vessel_depth_m = 4.0);
         let half = depth_m * BETWEEN.sin() * BETWEEN.cos() / 168.0;
         let late = (2.0 * depth_m * BETWEEN.sin() / 1500.0 * RATE_HZ) as usize;
         let up = [BETWEEN - half, BETWEEN + half];
         let [direct, image] = up.map(|up| source(&plan, (azimuth, up), rms, None, SECONDS, 7));
-        let sea: Vec<_> = (late..direct.len())
+        let sea: Vec<_> = (late + 1..direct.len())
             .map(|n| {
-                core::array::from_fn::<f64, CHANNELS, _>(|c| direct[n][c] - amplitude * image[n - late][c])
+                core::array::from_fn::<f64, CHANNELS, _>(|c| {
+                    let n = n - usize::from(channel == Some(c));
+                    direct[n][c] - amplitude * image[n - late][c]
+                })
             })
             .collect();
-        let mut bearings = hear(&plan, &noisy(sea, 5)).bearings;
-        bearings.retain(|b| b.band == 0);
-        (up, bearings)
+        let mut heard = hear(&plan, &noisy(sea, 5));
+        heard.bearings.retain(|b| b.band == 0);
+        (up, heard)
+    }
+
+    #[test]
+    fn a_hydrophone_that_is_late_from_the_start_is_in_what_is_stated_of_a_vessel_without_its_image() {
+        let (mut told, mut hidden) = (0, 0);
+        for n in 0..8 {
+            let azimuth = 0.3 + 0.8 * n as f64;
+            let ([vessel, _], heard) = late(azimuth, 7.0, (0.9, 4.0), Some(n % CHANNELS));
+            let wrong = |b: &Bearing| {
+                let (across, up) = error_from(b, (azimuth, vessel));
+                let sd = |variance: f32| f64::from(variance).sqrt();
+                across.abs() > 4.0 * sd(b.var_azimuth) || up.abs() > 4.0 * sd(b.var_elevation)
+            };
+            let bearings = heard.bearings.get(4..).unwrap();
+            told += bearings.len();
+            hidden += usize::from(bearings.iter().any(wrong));
+        }
+        // In directions from which all that it does is to turn the bearing nothing shows it; of no scene would all bearings be right without.
+        assert!(told > 60 && hidden <= 2, "{told} {hidden}");
     }
 
     #[test]

@@ -357,7 +357,7 @@ fn whole(
     mut context: Context<'_>,
     memory: &mut Memory,
     first: &Found,
-    doubt: Doubt,
+    mut doubt: Doubt,
     spectra: &mut Spectra,
     scratch: &mut Scratch,
     sink: &mut impl FnMut(Message),
@@ -369,7 +369,7 @@ fn whole(
     memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
     let turned = memory.turned_meanwhile(&context);
     if plan.vessel_over_array_depth > 0.0 && context.band.used.all() {
-        apart = surface::joins(&mut context, memory, first, spectra, scratch);
+        apart = surface::joins(&mut context, memory, first, &mut doubt, spectra, scratch);
     }
     let noise = context.noise(memory.averaged);
     refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);

@@ -3,7 +3,7 @@
 //! Enters: [`crate::block::Block`]s of converter codes. Leaves: [`crate::wire::Message::Bearing`], [`crate::wire::Message::Transient`] and
 //! [`crate::wire::Message::Fault`]. In the order data flows: [`crate::intake`] (continuity), `framing` (frames and accounting), `impulses` (snaps and bursts kept out of them), `transients` and `arrival` (the same told with their direction), `transform` and
 //! `spectra` (windowed transforms, Welch cross-spectra), `search` (joint search over all six pairs), `refine` (Gauss-Newton on the
-//! cross-spectra, covariance), `sick` and `leak` (which hydrophone to leave out), `detect` (is there a source at all), `three` (what three hydrophones can tell), `estimate` (one segment, all of these), `others` and `followed` (quieter sources), `paths` (what the image leaves to a long array), `exchange` (all vessels known, through exchanged channels), `surface`, `fringes` and `apart` (how deep the vessel lies, and where it is without its image), `beside` (what a vessel does that it passes by), `width` (two side by side) and `echo` (one off the bottom), `agreement`, `change`, `course`, `jump`, `order` and `aside` (do the pairs contradict it), `report` (the record with its uncertainty), `chain` (the
+//! cross-spectra, covariance), `sick` and `leak` (which hydrophone to leave out), `detect` (is there a source at all), `three` (what three hydrophones can tell), `estimate` (one segment, all of these), `others` and `followed` (quieter sources), `paths` (what the image leaves to a long array), `exchange` (all vessels known, through exchanged channels), `surface`, `fringes` and `apart` (how deep the vessel lies, and where it is without its image), `beside` (what a vessel does that it passes by), `width` (two side by side) and `echo` (one off the bottom), `agreement`, `strain`, `change`, `course`, `jump`, `order` and `aside` (do the pairs contradict it), `report` (the record with its uncertainty), `chain` (the
 //! calls a recorder makes). Beside them: `limit` (what no estimator beats).
 //!
 //! Assumptions: one dominant source, noise of similar level at all hydrophones used, known positions and speed of sound.
@@ -43,6 +43,7 @@ mod search;
 mod sick;
 mod spectra;
 mod steady;
+mod strain;
 mod surface;
 #[cfg(test)]
 mod test_sea;

@@ -4,6 +4,7 @@
 //! two ([`super::apart`]); the vessel's own direction where they are apart; and by how much nearer to the vessel than half-way both are heard elsewhere. An echo off the bottom joins
 //! both: of what is heard with one the angle tells nothing, fringes still do, and where they are heard is told with as large a deviation as without a depth.
 
+use super::agreement::Doubt;
 use super::apart::Apart;
 use super::chain::Scratch;
 use super::estimate::{Context, Found};
@@ -12,12 +13,13 @@ use super::memory::Memory;
 use super::report;
 use super::spectra::Spectra;
 
-/// Takes what a segment tells of it; returns vessel and image where they are heard apart.
+/// Takes what a segment tells of it, by which its bearing may be doubted more; returns vessel and image where they are heard apart.
 #[inline(never)]
 pub(super) fn joins(
     context: &mut Context<'_>,
     memory: &mut Memory,
     first: &Found,
+    doubt: &mut Doubt,
     spectra: &mut Spectra,
     scratch: &mut Scratch,
 ) -> Option<Apart> {
@@ -41,7 +43,13 @@ pub(super) fn joins(
     if let Some(seen) = seen.filter(|seen| known.is_some_and(|(d, _)| !seen.contradicts(d))) {
         // That uses the coherence up, which the image's loss is told by.
         let apart = seen.told_apart(context, spectra, &mut scratch.spectrum);
-        context.vessel = apart.map(|apart| apart.vessel());
+        if let Some(apart) = &apart {
+            let vessel = apart.vessel();
+            context.vessel = Some(vessel);
+            if let Some(strained) = memory.agreement.of_vessel(plan, &vessel, apart.pair_delays()) {
+                *doubt = doubt.or(strained);
+            }
+        }
         return apart.or(Some(seen));
     }
     let Some((d, _)) = context.depth else { return seen };
