@@ -14,8 +14,8 @@ use std::path::PathBuf;
 /// Arguments of `seabearing calls`.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  seabearing calls --station station.toml --json *.mseed\n\
-                        A `call` record for each minute about which short notes are heard (fin whales, 15 to 25 Hz), and a `caller` \
-                        record for each way that calls with azimuth and range make. The recorder tells the azimuth of calls by \
+                        A `call` record for each minute about which notes are heard (of fin whales, 15 to 25 Hz, and the fall between the tones of Antarctic \
+                        blue whales), and a `caller` record for each way that calls with azimuth and range make. The recorder tells the azimuth of calls by \
                         itself (`azimuth` records, source `impulsive`); ranges are of this command alone. Recordings have 50 to 100 samples a second.")]
 pub struct Args {
     /// Station file; its propagation table gives the delays.
@@ -63,7 +63,7 @@ fn mended(heard: &Heard) -> Option<String> {
 
 fn call(c: &WhaleCall) -> Value {
     json!({
-        "type": "call", "t_s": c.t_s, "notes": c.notes, "interval_s": c.interval_s,
+        "type": "call", "whale": c.kind, "t_s": c.t_s, "notes": c.notes, "interval_s": c.interval_s,
         "azimuth_deg": c.azimuth.map(|a| a.0.to_degrees()), "sd_azimuth_deg": c.azimuth.map(|a| a.1.to_degrees()),
         "range_m": c.range.map(|r| r.range_m), "sd_range_m": c.range.map(|r| r.sd_m),
         "log_ratio": c.range.map(|r| r.log_ratio),
@@ -74,7 +74,7 @@ fn caller(w: &CallerWay) -> Value {
     let (x, y) = w.place_m;
     let (vx, vy) = w.velocity_m_s;
     json!({
-        "type": "caller", "from_s": w.span_s.0, "to_s": w.span_s.1, "calls": w.calls, "x_m": x, "y_m": y,
+        "type": "caller", "whale": w.kind, "from_s": w.span_s.0, "to_s": w.span_s.1, "calls": w.calls, "x_m": x, "y_m": y,
         "sd_m": w.sd_place_m, "range_m": x.hypot(y), "azimuth_deg": wrap_tau(x.atan2(y)).to_degrees(),
         "vx_m_s": vx, "vy_m_s": vy, "sd_v_m_s": w.sd_velocity_m_s,
     })

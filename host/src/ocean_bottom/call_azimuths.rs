@@ -10,7 +10,7 @@
 //! Peaks are found where a vessel's noise adds to a call's, and some are the vessel's alone, so that more of it is in them than between them: of
 //! notes that come steadily all count, heard or not, at the instants of their step. Where no step is found, [`FOUND`] of what was taken away is not sure.
 
-use super::call_ranges::OWN_S;
+use super::notes::Kind;
 use crate::propagation::Complex;
 use seabearing_core::kit::quantile;
 
@@ -27,8 +27,6 @@ const MOST_SD: f64 = 0.35;
 
 /// Share of the turn by what was taken away that is not sure where notes stand at their peaks: found notes had 0.1 to 0.25 more of a vessel.
 const FOUND: f64 = 0.4;
-/// Least and greatest step from note to note, s.
-const STEPS_S: (f64, f64) = (8.0, 45.0);
 /// By how much a note may be out of step, s.
 const OUT_OF_STEP_S: f64 = 0.15;
 /// Fewest notes in step.
@@ -36,7 +34,7 @@ const LEAST_IN_STEP: usize = 4;
 
 /// Instants of notes that come steadily, from the first to the last that was heard, those between them that were not heard included; `None` where
 /// two thirds of the notes are in no step.
-fn in_step(notes: &[usize], rate_hz: f64) -> Option<Vec<usize>> {
+fn in_step(notes: &[usize], steps_s: (f64, f64), rate_hz: f64) -> Option<Vec<usize>> {
     let t: Vec<f64> = notes.iter().map(|n| *n as f64 / rate_hz).collect();
     // Notes in step: number of each, counted from `from`, and instant.
     let those = |from: f64, step: f64, off_s: &dyn Fn(f64) -> f64| -> Vec<(f64, f64)> {
@@ -46,7 +44,7 @@ fn in_step(notes: &[usize], rate_hz: f64) -> Option<Vec<usize>> {
     let mut best: Option<(usize, f64, f64)> = None;
     for (i, from) in t.iter().enumerate() {
         let later = t.iter().skip(i + 1).take(3).flat_map(|to| [to - from, 0.5 * (to - from)]);
-        for step in later.filter(|s| (STEPS_S.0..=STEPS_S.1).contains(s)) {
+        for step in later.filter(|s| (steps_s.0..=steps_s.1).contains(s)) {
             // A step from two notes errs the more the farther it is carried.
             let found = those(*from, step, &|k| OUT_OF_STEP_S * (0.3 * k.abs() + 1.0));
             let (Some(first), Some(last)) = (found.first(), found.last()) else { continue };
@@ -93,6 +91,7 @@ struct Piece {
 /// Pressure and the horizontal velocities of a window, each analytic.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Field<'a> {
+    pub(super) notes: Kind,
     pub(super) pressure: &'a [Complex<f64>],
     pub(super) north: &'a [Complex<f64>],
     pub(super) east: &'a [Complex<f64>],
@@ -102,7 +101,7 @@ pub(super) struct Field<'a> {
 impl Field<'_> {
     /// Half a note, samples.
     fn half(&self) -> usize {
-        (OWN_S * self.rate_hz) as usize
+        (self.notes.half_s * self.rate_hz) as usize
     }
 
     /// The stretch about an instant.
@@ -135,7 +134,7 @@ impl Field<'_> {
     /// Direction of the notes that are whole, clockwise from the station's North, and its standard deviation, rad; `None` of too few or
     /// where they agree on none. `notes` are all that were found.
     pub(super) fn azimuth(&self, notes: &[usize], whole: impl Fn(usize) -> bool) -> Option<(f64, f64)> {
-        let stepped = in_step(notes, self.rate_hz);
+        let stepped = in_step(notes, self.notes.steps_s, self.rate_hz);
         let notes = stepped.as_deref().unwrap_or(notes);
         let steady = self.steady(notes, &whole);
         let own: Vec<Piece> =
@@ -187,18 +186,19 @@ impl Field<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::notes::FIN;
     use super::*;
 
     #[test]
     fn notes_in_step_are_counted_heard_or_not_and_others_have_no_step() {
         // Steps of 13 s, of which the fourth is missing and two are others'.
         let notes = [100, 750, 1400, 1800, 2700, 3351, 3999, 4300, 4650];
-        let found = in_step(&notes, 50.0).unwrap();
+        let found = in_step(&notes, FIN.steps_s, 50.0).unwrap();
         let expected = [100, 750, 1400, 2050, 2700, 3350, 4000, 4650];
         assert_eq!(found.len(), expected.len());
         assert!(found.iter().zip(expected).all(|(f, e)| f.abs_diff(e) <= 3), "{found:?}");
-        assert_eq!(in_step(&[100, 750, 1270, 2100, 2600, 3700, 4190, 5000], 50.0), None);
-        assert_eq!(in_step(&[100, 750, 1400], 50.0), None);
-        assert_eq!(in_step(&[], 50.0), None);
+        assert_eq!(in_step(&[100, 750, 1270, 2100, 2600, 3700, 4190, 5000], FIN.steps_s, 50.0), None);
+        assert_eq!(in_step(&[100, 750, 1400], FIN.steps_s, 50.0), None);
+        assert_eq!(in_step(&[], FIN.steps_s, 50.0), None);
     }
 }

@@ -15,7 +15,7 @@
 //! The likeliest place need not be the whale's: it may be beyond the table's end, or the table another water's. So a range also has to explain
 //! what is heard: beyond the noise no more may be left than `UNLIKE` of what the note's own arrivals explain.
 
-use super::calls::BAND_HZ;
+use super::notes::Kind;
 use crate::propagation::{Complex, Propagation, RayArrival};
 use rayon::prelude::*;
 use seabearing_core::kit::quantile;
@@ -23,8 +23,6 @@ use seabearing_core::obs::lasting::Lasting;
 use std::f64::consts::{LN_2, PI, TAU};
 use std::ops::Range;
 
-/// Nearest range told, m: nearer, delays hardly change with range, and the next cycle of 20 Hz fits nearly as well.
-pub const NEAREST_M: f64 = 2_700.0;
 /// Farthest range looked at where the table reaches so far, m.
 pub const FARTHEST_M: f64 = 60_000.0;
 /// Step of range, m: a twentieth of what turns two arrivals by a cycle of 20 Hz against each other.
@@ -36,8 +34,6 @@ const FINE: usize = 10;
 const UNSAID_M: f64 = 1.0;
 /// Lags looked at before and after a note's strongest arrival, s.
 const LAGS_S: (f64, f64) = (7.0, 9.0);
-/// Half the length of a note, s.
-pub(super) const OWN_S: f64 = 0.6;
 /// Least log-likelihood ratio of a range.
 const LEAST_LOG_RATIO: f64 = 12.0;
 /// Share of the posterior that the place told must hold.
@@ -90,6 +86,7 @@ pub struct CallRange {
 pub(super) struct Ranger<'t> {
     table: &'t Propagation,
     rate_hz: f64,
+    notes: Kind,
     /// What is not known of the station itself.
     lasting: Lasting,
     depth_sd_m: f64,
@@ -191,13 +188,19 @@ struct Fitted {
 
 impl<'t> Ranger<'t> {
     /// For a station of which so much is not known: the table's depth has a standard deviation, m.
-    pub(super) fn new(table: &'t Propagation, rate_hz: f64, lasting: Lasting, depth_sd_m: f64) -> Self {
-        Self { table, rate_hz, lasting, depth_sd_m }
+    pub(super) fn new(
+        table: &'t Propagation,
+        rate_hz: f64,
+        notes: Kind,
+        lasting: Lasting,
+        depth_sd_m: f64,
+    ) -> Self {
+        Self { table, rate_hz, notes, lasting, depth_sd_m }
     }
 
     /// Sum over notes of the correlation of a note's strongest arrival with what is about it.
     fn correlation(&self, pressure: &[Complex<f64>], notes: &[usize]) -> Vec<Complex<f64>> {
-        let own = (OWN_S * self.rate_hz) as isize;
+        let own = (self.notes.half_s * self.rate_hz) as isize;
         let zero = self.zero() as isize;
         let lags = zero + (LAGS_S.1 * self.rate_hz) as isize + 1;
         let mut out = vec![Complex::default(); lags as usize];
@@ -217,7 +220,7 @@ impl<'t> Ranger<'t> {
 
     /// Turn of the band's middle from one sample to the next, rad.
     fn carrier(&self) -> f64 {
-        TAU * 0.5 * (BAND_HZ.0 + BAND_HZ.1) / self.rate_hz
+        TAU * 0.5 * (self.notes.band_hz.0 + self.notes.band_hz.1) / self.rate_hz
     }
 
     /// Place of lag zero.
@@ -228,7 +231,7 @@ impl<'t> Ranger<'t> {
     /// The correlation made ready; `None` without any.
     fn prepared(&self, pressure: &[Complex<f64>], notes: &[usize]) -> Option<Correlation> {
         let x = self.correlation(pressure, notes);
-        let own = (OWN_S * self.rate_hz) as usize;
+        let own = (self.notes.half_s * self.rate_hz) as usize;
         let outside = |k: &usize| k.abs_diff(self.zero()) > own;
         let mut powers: Vec<f64> = (0..x.len()).filter(outside).map(|k| x[k].norm_sqr()).collect();
         // Of a complex normal variable the median power is ln 2 times the mean.
@@ -289,7 +292,7 @@ impl<'t> Ranger<'t> {
         let noise = c.variance * c.used.len() as f64;
         let like = c.power - fitted.gain - noise <= UNLIKE * fitted.own;
         let heard = self.worth() * fitted.own / c.variance > LEAST_LOG_RATIO;
-        if share < SURE * all || place(best) < NEAREST_M || at_edge || !like || !heard {
+        if share < SURE * all || place(best) < self.notes.nearest_m || at_edge || !like || !heard {
             return None;
         }
         let near: Vec<usize> = (0..likeliest.fine.len()).filter(|i| at_place(*i)).collect();
@@ -322,7 +325,8 @@ impl<'t> Ranger<'t> {
 
     /// How much each used sample is worth: samples of the band are not independent.
     fn worth(&self) -> f64 {
-        (BAND_HZ.1 - BAND_HZ.0 + 1.0) / self.rate_hz * (self.rate_hz / HELD_HZ).floor().max(1.0)
+        (self.notes.band_hz.1 - self.notes.band_hz.0 + 1.0) / self.rate_hz
+            * (self.rate_hz / HELD_HZ).floor().max(1.0)
     }
 
     /// By how much the floor may be deeper than the table's, m: all that is looked at.
@@ -377,7 +381,7 @@ impl<'t> Ranger<'t> {
 
     /// Adds the note's own correlation about a lag, times a factor, at the used samples.
     fn add(&self, c: &Correlation, out: &mut [Complex<f64>], lag_s: f64, factor: Complex<f64>) {
-        let own = OWN_S * self.rate_hz;
+        let own = self.notes.half_s * self.rate_hz;
         let zero = self.zero() as f64;
         let middle = lag_s * self.rate_hz + zero;
         let at = |j: f64| c.slow.get((zero + j) as usize).copied().unwrap_or_default();

@@ -5,6 +5,8 @@ use super::calls::WhaleCall;
 /// A caller's way: calls with a direction and a range that one animal's slow swimming joins.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CallerWay {
+    /// Of which kind.
+    pub kind: &'static str,
     /// First and last call, s.
     pub span_s: (f64, f64),
     /// Calls joined.
@@ -40,33 +42,34 @@ struct Placed {
     shared: f64,
 }
 
-/// Joins calls with azimuth and range to the ways of callers, in order of their first call.
+/// Joins calls with azimuth and range to the ways of callers, those of one kind together, in order of their first call.
 pub fn ways(calls: &[WhaleCall]) -> Vec<CallerWay> {
-    let mut groups: Vec<Vec<Placed>> = Vec::new();
+    let mut groups: Vec<(&'static str, Vec<Placed>)> = Vec::new();
     for c in calls {
         let (Some((azimuth, sd_azimuth)), Some(r)) = (c.azimuth, c.range) else { continue };
         let (s, cos) = azimuth.sin_cos();
         let place = [r.range_m * s, r.range_m * cos];
         let sd = r.sd_m.hypot(r.range_m * sd_azimuth);
         let call = Placed { t_s: c.t_s, place, sd, shared: r.shared_m.hypot(r.range_m * c.shared_azimuth) };
-        let fits = |g: &Vec<Placed>| {
-            g.last().is_some_and(|last| {
-                let way = (place[0] - last.place[0]).hypot(place[1] - last.place[1]);
-                let since_s = c.t_s - last.t_s;
-                since_s <= SILENCE_S && way <= SWIMS_M_S * since_s + 3.0 * sd.hypot(last.sd)
-            })
+        let fits = |(kind, g): &(&'static str, Vec<Placed>)| {
+            *kind == c.kind
+                && g.last().is_some_and(|last| {
+                    let way = (place[0] - last.place[0]).hypot(place[1] - last.place[1]);
+                    let since_s = c.t_s - last.t_s;
+                    since_s <= SILENCE_S && way <= SWIMS_M_S * since_s + 3.0 * sd.hypot(last.sd)
+                })
         };
         match groups.iter_mut().rev().find(|g| fits(g)) {
-            Some(g) => g.push(call),
-            None => groups.push(vec![call]),
+            Some((_, g)) => g.push(call),
+            None => groups.push((c.kind, vec![call])),
         }
     }
-    groups.iter().filter(|g| g.len() >= LEAST_CALLS).map(|g| way(g)).collect()
+    groups.iter().filter(|(_, g)| g.len() >= LEAST_CALLS).map(|(kind, g)| way(kind, g)).collect()
 }
 
 /// The straight line through places of one group, each weighed by its own deviation; East and North alike. What they share is not made less
 /// by their number.
-fn way(group: &[Placed]) -> CallerWay {
+fn way(kind: &'static str, group: &[Placed]) -> CallerWay {
     let span_s = (group[0].t_s, group[group.len() - 1].t_s);
     let middle = 0.5 * (span_s.0 + span_s.1);
     let (mut w0, mut w1, mut w2, mut shared) = (0.0, 0.0, 0.0, 0.0);
@@ -88,6 +91,7 @@ fn way(group: &[Placed]) -> CallerWay {
     let overlap = 3f64;
     let turned = shared / x.0.hypot(y.0).max(1.0).powi(2);
     CallerWay {
+        kind,
         span_s,
         calls: group.len(),
         place_m: (x.0, y.0),
@@ -106,6 +110,7 @@ mod tests {
     fn what_calls_share_is_not_made_less_by_their_number() {
         let way = |shared_m: f64, shared_azimuth: f64| {
             let call = |k: u32| WhaleCall {
+                kind: "fin",
                 t_s: 60.0 * f64::from(k),
                 notes: 10,
                 interval_s: None,

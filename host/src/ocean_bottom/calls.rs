@@ -1,54 +1,47 @@
-//! Calls of whales, from a recording: direction and range of short notes that repeat (fin whales about 20 Hz).
+//! Calls of whales, from a recording: direction and range of notes that repeat (fin and blue whales about 20 Hz).
 //!
 //! A note reaches the floor once for each path, and the delays between its arrivals are those of the propagation table, as for a vessel's
-//! interference [O 16]. Each minute's three-minute window of pressure and horizontal velocities is cut to [`BAND_HZ`] and made analytic.
+//! interference [O 16]. For each kind of note ([`super::notes`]) a window about each minute of pressure and horizontal velocities is cut to its band and
+//! made analytic.
 //!
 //! Spikes are put right as the recorder puts them right (`mended.rs`).
 //!
-//! - *Notes* are peaks of the smoothed power 6 dB above its median, the greatest first, none within [`APART_S`] of another.
+//! - *Notes* are peaks of the smoothed power: of fin whales' calls the whole, of blue whales' the fall between their tones.
 //! - *Azimuth*: the active intensity about each note's peak, less what vessels give between notes (`call_azimuths.rs`). Notes of which
 //!   a horizontal component is clipped have none.
 //! - *Range*: by the delays between a note's arrivals ([`super::call_ranges`]).
 //!
 //! A range is told where its place holds nine tenths of the posterior and explains what is heard; nearer than
-//! [`super::call_ranges::NEAREST_M`], beyond the table's reach and where nothing stands out there is none. Calls are joined to a caller's way,
-//! apart from vessels' tracks ([`super::caller_ways`]). Not known: several whales at once whose notes interleave (the louder one counts), and
-//! calls longer than a few seconds, which have no range.
+//! [`super::notes::Kind::nearest_m`], beyond the table's reach and where nothing stands out there is none. Calls are joined to a caller's way,
+//! apart from vessels' tracks ([`super::caller_ways`]). Not known: several whales of a kind at once whose notes interleave (the louder one counts),
+//! and calls that are one long tone, which have no range.
 
 use super::call_azimuths::{Field, LEAST_NOTES};
-use super::call_ranges::{CallRange, OWN_S, Ranger};
+use super::call_ranges::{CallRange, Ranger};
 use super::mended::{Mended, clipped};
+use super::notes::{FIN, KINDS, Kind as Notes};
 use crate::propagation::{Complex, Propagation};
 use crate::recording::BlockSource;
 use anyhow::{Result, bail};
 use seabearing_core::angle::wrap_tau;
 use seabearing_core::block::{Frame, MISSING};
 use seabearing_core::config::{Kind, StationConfig};
-use seabearing_core::kit::quantile;
 use seabearing_core::obs::lasting::Lasting;
 use seabearing_signal::{Fft, Precision, RealToComplex};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// Frequencies of the notes, Hz.
-pub const BAND_HZ: (f64, f64) = (15.0, 25.0);
-/// Half a window, s.
-const HALF_WINDOW_S: f64 = 90.0;
-/// Notes nearer to each other than this are one call's arrivals, s: longer than the longest delay of its strong paths.
-pub const APART_S: f64 = 8.0;
-/// Peak power of a note over the median, times.
-const STANDS_OUT: f64 = 4.0;
-/// Half the length over which power is smoothed, s.
-const SMOOTH_S: f64 = 0.4;
 /// Share of a note's samples that may be clipped in a horizontal component where its direction counts: one of 61.
 const CUT_OFF: f64 = 0.02;
 /// Bits of the horizontal components, and of all that are listened to.
 const HORIZONTALS: u8 = 0b0110;
 const USED: u8 = 0b0111;
 
-/// What was heard of calls in the three minutes about an instant.
+/// What was heard of calls in the minutes about an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WhaleCall {
+    /// Of which kind.
+    pub kind: &'static str,
     /// The instant, s after the first sample.
     pub t_s: f64,
     /// Notes in the window.
@@ -63,26 +56,32 @@ pub struct WhaleCall {
     pub range: Option<CallRange>,
 }
 
-/// Looks for calls in one window after another of what is held.
+/// Looks for notes of each kind in one window after another of what is held.
 struct Listener<'t> {
-    ranger: Ranger<'t>,
-    rate_hz: f64,
+    ears: Vec<Ear<'t>>,
+    held: Mended,
     /// Greatest code of the converter.
     full_scale: i32,
+    /// Index up to which clipped instants are counted.
+    counted_to: u64,
+    heard: Heard,
+}
+
+/// Listens to one kind.
+struct Ear<'t> {
+    notes: Notes,
+    ranger: Ranger<'t>,
+    rate_hz: f64,
     /// What is not known of the station itself.
     lasting: Lasting,
     turn: f64,
     n: usize,
     forward: Arc<dyn RealToComplex<f64>>,
     inverse: Arc<dyn Fft<f64>>,
-    held: Mended,
     /// Samples of a window.
     length: usize,
     /// Number of the next window's middle.
     minute: u64,
-    /// Index up to which clipped instants are counted.
-    counted_to: u64,
-    heard: Heard,
 }
 
 /// What was heard of calls in a recording.
@@ -108,20 +107,26 @@ pub fn calls(source: &mut dyn BlockSource, config: &StationConfig, table: &Propa
     let Kind::Obs(obs) = &config.kind else { bail!("an ocean-bottom station is needed") };
     let lasting = Lasting::new(config.doubts, obs.orientation_of_north_deg, table.depth_m);
     let away = if obs.intensity_towards { 0.0 } else { PI };
-    let length = (2.0 * HALF_WINDOW_S * rate_hz) as usize;
-    let n = (2 * length).next_power_of_two();
+    let ear = |notes: Notes| {
+        let length = (2.0 * notes.half_window_s * rate_hz) as usize;
+        let n = (2 * length).next_power_of_two();
+        Ear {
+            notes,
+            ranger: Ranger::new(table, rate_hz, notes, lasting, config.doubts.table_depth_m.into()),
+            rate_hz,
+            lasting,
+            turn: obs.orientation_of_north_deg.to_radians() + away,
+            n,
+            forward: f64::real_to_complex(n),
+            inverse: f64::complex_inverse(n),
+            length,
+            minute: 1,
+        }
+    };
     let mut listener = Listener {
-        ranger: Ranger::new(table, rate_hz, lasting, config.doubts.table_depth_m.into()),
-        rate_hz,
-        full_scale: config.full_scale,
-        lasting,
-        turn: obs.orientation_of_north_deg.to_radians() + away,
-        n,
-        forward: f64::real_to_complex(n),
-        inverse: f64::complex_inverse(n),
+        ears: KINDS.into_iter().map(ear).collect(),
         held: Mended::new(),
-        length,
-        minute: 1,
+        full_scale: config.full_scale,
         counted_to: 0,
         heard: Heard { calls: Vec::new(), spikes: 0, clipped: 0 },
     };
@@ -134,39 +139,46 @@ pub fn calls(source: &mut dyn BlockSource, config: &StationConfig, table: &Propa
         listener.listen(false);
     }
     listener.listen(true);
-    Ok(Heard { spikes: listener.held.spikes, ..listener.heard })
+    let Listener { held, mut heard, .. } = listener;
+    heard.calls.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    Ok(Heard { spikes: held.spikes, ..heard })
 }
 
 impl Listener<'_> {
-    /// Index at which the next window begins; below 0 before the recording.
-    fn from(&self) -> f64 {
-        ((60.0 * self.minute as f64 - HALF_WINDOW_S) * self.rate_hz).round()
-    }
-
     /// Listens to every window that is held; `ended`: nothing follows what is held.
     fn listen(&mut self, ended: bool) {
-        loop {
-            // What began after the window's beginning was lost, or never was.
-            while self.from() < self.held.first() as f64 {
-                self.minute += 1;
+        let Self { ears, held, full_scale, counted_to, heard } = self;
+        for ear in ears.iter_mut() {
+            loop {
+                // What began after the window's beginning was lost, or never was.
+                while ear.from() < held.first() as f64 {
+                    ear.minute += 1;
+                }
+                let from = ear.from() as u64;
+                let at = (from - held.first()) as usize;
+                let Some(window) = held.settled(ended).get(at..at + ear.length) else { break };
+                let clipped = clipped(window, *full_scale);
+                let counted = (counted_to.saturating_sub(from) as usize).min(clipped.len());
+                let new = clipped[counted..].iter().filter(|bits| **bits & USED != 0).count();
+                heard.clipped += new as u64;
+                *counted_to = (*counted_to).max(from + ear.length as u64);
+                heard.calls.extend(ear.window(window, &clipped));
+                ear.minute += 1;
             }
-            let from = self.from() as u64;
-            let at = (from - self.held.first()) as usize;
-            let Some(window) = self.held.settled(ended).get(at..at + self.length) else { break };
-            let clipped = clipped(window, self.full_scale);
-            let counted = (self.counted_to.saturating_sub(from) as usize).min(clipped.len());
-            let new = clipped[counted..].iter().filter(|bits| **bits & USED != 0).count();
-            let call = self.window(window, &clipped, 60.0 * self.minute as f64);
-            self.heard.clipped += new as u64;
-            self.counted_to = from + self.length as u64;
-            self.heard.calls.extend(call);
-            self.minute += 1;
         }
-        self.held.drop_before(self.from() as u64);
+        let first = ears.iter().map(Ear::from).fold(f64::INFINITY, f64::min);
+        held.drop_before(first as u64);
+    }
+}
+
+impl Ear<'_> {
+    /// Index at which the next window begins; below 0 before the recording.
+    fn from(&self) -> f64 {
+        ((60.0 * self.minute as f64 - self.notes.half_window_s) * self.rate_hz).round()
     }
 
-    /// A channel cut to the band, as an analytic signal; `None` where a code is missing.
-    fn analytic(&self, window: &[Frame], channel: usize) -> Option<Vec<Complex<f64>>> {
+    /// A channel cut to a band, as an analytic signal; `None` where a code is missing.
+    fn analytic(&self, window: &[Frame], channel: usize, (lo, hi): (f64, f64)) -> Option<Vec<Complex<f64>>> {
         if window.iter().any(|f| f[channel] == MISSING) {
             return None;
         }
@@ -179,7 +191,6 @@ impl Listener<'_> {
         self.forward.process(&mut samples, &mut half).ok()?;
         let mut x = vec![Complex::default(); self.n];
         x.iter_mut().zip(half).for_each(|(x, h)| *x = h);
-        let (lo, hi) = BAND_HZ;
         for (k, x) in x.iter_mut().enumerate() {
             let hz = k as f64 * self.rate_hz / self.n as f64;
             // Edges of 1 Hz.
@@ -192,72 +203,38 @@ impl Listener<'_> {
         Some(x)
     }
 
-    fn window(&self, window: &[Frame], clipped: &[u8], t_s: f64) -> Option<WhaleCall> {
-        let pressure = self.analytic(window, 0)?;
-        let notes = self.notes(&pressure);
+    fn window(&self, window: &[Frame], clipped: &[u8]) -> Option<WhaleCall> {
+        let Notes { name, band_hz, .. } = self.notes;
+        let pressure = self.analytic(window, 0, band_hz)?;
+        let whole = self.analytic(window, 0, FIN.band_hz)?;
+        let notes = self.notes.notes(&pressure, &whole, self.rate_hz);
         if notes.len() < LEAST_NOTES {
             return None;
         }
-        let interval_s = self.interval(&notes);
-        let horizontals = self.analytic(window, 1).zip(self.analytic(window, 2));
+        let interval_s = Notes::interval_s(&notes, self.rate_hz);
+        let horizontals = self.analytic(window, 1, band_hz).zip(self.analytic(window, 2, band_hz));
         let own = horizontals.and_then(|(north, east)| {
-            let field = Field { pressure: &pressure, north: &north, east: &east, rate_hz: self.rate_hz };
+            let field = Field {
+                notes: self.notes,
+                pressure: &pressure,
+                north: &north,
+                east: &east,
+                rate_hz: self.rate_hz,
+            };
             let (azimuth, sd) = field.azimuth(&notes, |at| self.is_whole(at, clipped))?;
             Some((wrap_tau(azimuth + self.turn), sd))
         });
         let shared_azimuth = own.map_or(0.0, |(azimuth, _)| self.lasting.of_direction(azimuth).sqrt());
         let azimuth = own.map(|(azimuth, sd)| (azimuth, sd.hypot(shared_azimuth)));
         let range = self.ranger.range(&pressure, &notes, interval_s);
-        Some(WhaleCall { t_s, notes: notes.len(), interval_s, azimuth, shared_azimuth, range })
-    }
-
-    /// Samples at which notes peak, in order.
-    fn notes(&self, pressure: &[Complex<f64>]) -> Vec<usize> {
-        let half = (SMOOTH_S * self.rate_hz) as usize;
-        let sums: Vec<f64> = std::iter::once(0.0)
-            .chain(pressure.iter().scan(0.0, |sum, p| {
-                *sum += p.norm_sqr();
-                Some(*sum)
-            }))
-            .collect();
-        let n = pressure.len();
-        let power: Vec<f64> = (0..n)
-            .map(|i| {
-                let (a, b) = (i.saturating_sub(half), (i + half + 1).min(n));
-                (sums[b] - sums[a]) / (b - a) as f64
-            })
-            .collect();
-        let Some(median) = quantile::median(&mut power.clone()) else { return Vec::new() };
-        let mut order: Vec<usize> = (0..n).filter(|i| power[*i] > STANDS_OUT * median).collect();
-        order.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
-        let apart = (APART_S * self.rate_hz) as usize;
-        let mut out: Vec<usize> = Vec::new();
-        for i in order {
-            if out.iter().all(|o| o.abs_diff(i) > apart) {
-                out.push(i);
-            }
-        }
-        out.sort_unstable();
-        // An earthquake or a T phase stands out as well, but not as notes do: they are short and alike.
-        let strongest = out.iter().map(|i| power[*i]).fold(0.0, f64::max);
-        out.retain(|i| power[*i] > 0.1 * strongest);
-        let long = power.iter().filter(|p| **p > 0.25 * strongest).count() as f64 / self.rate_hz;
-        if long > 8.0 * out.len() as f64 { Vec::new() } else { out }
-    }
-
-    /// The interval of notes that come steadily.
-    fn interval(&self, notes: &[usize]) -> Option<f64> {
-        let mut steps: Vec<f64> = notes.windows(2).map(|w| (w[1] - w[0]) as f64 / self.rate_hz).collect();
-        let middle = quantile::median(&mut steps)?;
-        // A note may be missing between two; most steps must agree.
-        let near: Vec<f64> = steps.iter().copied().filter(|s| (s - middle).abs() < 0.15).collect();
-        (2 * near.len() > steps.len()).then(|| near.iter().sum::<f64>() / near.len() as f64)
+        let t_s = 60.0 * self.minute as f64;
+        Some(WhaleCall { kind: name, t_s, notes: notes.len(), interval_s, azimuth, shared_azimuth, range })
     }
 
     /// Whether the horizontal components have the whole of a note: what is cut off one of them turns its direction. Pressure cut off makes
     /// both intensities less by the same part.
     fn is_whole(&self, note: usize, clipped: &[u8]) -> bool {
-        let half = (OWN_S * self.rate_hz) as usize;
+        let half = (self.notes.half_s * self.rate_hz) as usize;
         let span = clipped.get(note.saturating_sub(half)..(note + half + 1).min(clipped.len()));
         span.is_some_and(|span| {
             let cut = span.iter().filter(|bits| **bits & HORIZONTALS != 0).count();
@@ -334,6 +311,45 @@ mod tests {
             assert_eq!(ways.len(), 1);
             let off = (ways[0].place_m.0.hypot(ways[0].place_m.1) / range - 1.0).abs();
             assert!(off < 0.05, "{ways:?}");
+        }
+    }
+
+    #[test]
+    fn a_blue_whale_is_ranged_by_the_fall_between_its_tones_and_is_no_fin_whale() {
+        let table = table();
+        let range_m = 9_000.0;
+        let mut scenario: ObsScenario = toml::from_str(
+            "kind = \"obs\"\nseed = 4\npropagation = \"t\"\norientation_of_north_deg = 77.0\nduration_s = 900.0",
+        )
+        .unwrap();
+        let whale = |interval_s| Whale {
+            azimuth_deg: 200.0,
+            range_m,
+            start_s: -120.0,
+            duration_s: 1_200.0,
+            interval_s,
+            level_db: 14.0,
+        };
+        scenario.blue_whale = vec![whale(63.0)];
+        let config = station::config(&scenario, false).unwrap();
+        let mut simulator = Simulator::new(scenario.clone(), table.clone(), Vec::new()).unwrap();
+        let found = calls(&mut simulator, &config, &table).unwrap().calls;
+        assert!(found.len() >= 8 && found.iter().all(|c| c.kind == "blue"), "{found:?}");
+        let ranges: Vec<CallRange> = found.iter().filter_map(|c| c.range).collect();
+        assert!(2 * ranges.len() >= found.len(), "{found:?}");
+        assert!(
+            ranges.iter().all(|r| (r.range_m - range_m).abs() < 4.0 * r.sd_m && r.sd_m < 100.0),
+            "{ranges:?}"
+        );
+        for (azimuth, sd) in found.iter().filter_map(|c| c.azimuth) {
+            assert!(wrap_pi(azimuth - f64::to_radians(200.0)).abs() < 4.0 * sd && sd < 0.1, "{azimuth} {sd}");
+        }
+        // Both at once: each kind is told.
+        scenario.fin_whale = vec![Whale { azimuth_deg: 20.0, ..whale(14.0) }];
+        let mut simulator = Simulator::new(scenario, table.clone(), Vec::new()).unwrap();
+        let found = calls(&mut simulator, &config, &table).unwrap().calls;
+        for c in found.iter().filter(|c| c.kind == "fin") {
+            assert!(c.range.is_none_or(|r| (r.range_m / range_m - 1.0).abs() < 0.5), "{c:?}");
         }
     }
 

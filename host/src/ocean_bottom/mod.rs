@@ -17,6 +17,7 @@ pub mod far;
 pub mod lateness;
 pub(crate) mod mended;
 pub mod mirrored;
+pub mod notes;
 pub mod orient;
 pub mod pages;
 pub mod passage;
