@@ -101,14 +101,12 @@ const DEFECTS: [Defect; 21] = [
         name: "pressure reversed",
         codes: |[p, n, e, z]| [-p, n, e, z],
         wanted: Some(FaultCode::Reversed),
-        known: Some("OrientationOff"),
         ..SOUND
     },
     Defect {
         name: "motion reversed",
         codes: |[p, n, e, z]| [p, -n, -e, -z],
         wanted: Some(FaultCode::Reversed),
-        known: Some("OrientationOff"),
         ..SOUND
     },
     Defect {
@@ -273,7 +271,7 @@ pub(super) fn deeper(table: &Propagation, by_m: f64) -> Propagation {
 struct Said {
     faults: Vec<Fault>,
     known: Option<Horizontals>,
-    /// Azimuths, ranges detected and tracks told after components were said to be exchanged: directions are none then, and without pressure
+    /// Azimuths, ranges detected and tracks told after components were said to be exchanged or a sign turned round: directions are none then, and without pressure
     /// ranges neither.
     told_after: [usize; 3],
 }
@@ -292,7 +290,7 @@ fn hear(options: &Options, days: usize, table: &Propagation, defect: &Defect) ->
     let (mut faults, mut azimuths, mut told_after) = (Vec::<Fault>::new(), Vec::new(), [0; 3]);
     let told_table = deeper(table, defect.too_deep_m);
     run::run(&config, &told_table, &mut altered, &mut |m| {
-        let exchanged = faults.iter().any(|f| f.code == FaultCode::Exchanged);
+        let exchanged = faults.iter().any(|f| matches!(f.code, FaultCode::Exchanged | FaultCode::Reversed));
         let told = match m {
             Message::Azimuth(a) if a.detected => Some(0),
             Message::Range(r) if r.detected => Some(1),
@@ -384,7 +382,7 @@ fn run(options: &Options) -> Result<()> {
             let wrong = named.iter().filter(|f| f.value != PRESSURE + component).count();
             figures.at_most(format!("{name}: named as another"), wrong as f64, 0.0);
         }
-        if defect.wanted == Some(FaultCode::Exchanged) {
+        if is_of_signs {
             let [azimuths, ranges, tracks] = said.told_after;
             let ranges = if defect.pressure_in.is_some() { ranges } else { 0 };
             let told = azimuths + ranges + tracks;

@@ -301,7 +301,7 @@ impl Agreement {
         };
         let (now, lasting) = self.strain.take(plan, (delays, &found.tau));
         let least = LEAST_SAMPLES / plan.rate_hz;
-        let limit = |image: f32| least * least + strain::explained(plan, direction, image * rise * rise);
+        let limit = |image: f32| least * least + strain::explained(context, direction, image * rise * rise);
         let known = limit(share * depth);
         let lasting = lasting.filter(|s2| *s2 > known);
         let once = (share < 1.0 && now > known).then_some(now);
@@ -311,24 +311,30 @@ impl Agreement {
         Some((UNSEEN * UNSEEN * s2, lasts))
     }
 
-    /// Takes the delays of a vessel found without its image and those that its direction has; how much to doubt it as well.
+    /// Takes the delays of a vessel found without its image and those that its direction has; how much to doubt it as well. A strain that what was told
+    /// uncertain explains turns a bearing that an image was taken out of by as much as it is.
     #[inline(never)]
     pub(super) fn of_vessel(
         &mut self,
-        plan: &Plan,
+        context: &Context<'_>,
         direction: &Direction,
         delays: (&[f32; PAIR_COUNT], &[f32; PAIR_COUNT]),
-    ) -> Option<Doubt> {
+    ) -> Doubt {
+        let plan = context.plan;
         let (now, lasting) = self.of_vessel.take(plan, delays);
-        let explained = strain::explained(plan, direction, 0.0);
-        let beyond = |s2: f32, samples: f32| {
-            let least = samples / plan.rate_hz;
-            s2 > least * least + explained
-        };
-        self.vessel_strains =
-            lasting.is_some_and(|s2| beyond(s2, LEAST_SAMPLES)) && self.of_vessel.is_of_many();
+        let explained = strain::explained(context, direction, 0.0);
+        let floor = |samples: f32| samples * samples / (plan.rate_hz * plan.rate_hz);
+        let fault = floor(LEAST_SAMPLES) + explained + strain::untold(plan, direction);
+        self.vessel_strains = lasting.is_some_and(|s2| s2 > fault) && self.of_vessel.is_of_many();
         let most = lasting.map_or(now, |s2| s2.max(now));
-        beyond(most, LEAST_OF_VESSEL_SAMPLES).then_some(Doubt::strained(UNSEEN * UNSEEN * most))
+        let least = floor(LEAST_OF_VESSEL_SAMPLES);
+        if most > least + explained {
+            Doubt::strained(UNSEEN * UNSEEN * most)
+        } else if most > least {
+            Doubt { unexplained_s2: CHANNELS as f32 * most, ..Doubt::NONE }
+        } else {
+            Doubt::NONE
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 //! Enters: the pairs' own delays of each segment and those that its direction has. Leaves: the square of their strain, and of its mean where that is most
 //! of it. A sound that crosses the array at its speed has two degrees of freedom, its arrival times have three. Cost: 1500 instructions a segment.
 
+use super::estimate::Context;
 use super::jump::times;
 use super::plan::Plan;
 use super::wavefront::{self, Direction, PAIR_COUNT};
@@ -18,6 +19,8 @@ const LEAST_CHANGE_SAMPLES: f32 = 0.3;
 const LASTING: f32 = 0.75;
 /// Standard deviations of what was told uncertain that are no news.
 pub(super) const TOLD_SD: f32 = 3.0;
+/// By how much a speed of sound that is told as certain may be off, of itself: 7 m/s.
+const UNTOLD_SPEED: f32 = 0.005;
 
 /// Means over segments.
 #[derive(Clone, Copy, Debug)]
@@ -78,10 +81,25 @@ fn square(x: &[f32; CHANNELS]) -> f32 {
     x.iter().map(|x| x * x).sum()
 }
 
-/// What was told uncertain makes of it at most, s²: positions, and the speed at which a sound of this direction crosses, which the image makes another by
-/// that share.
-pub(super) fn explained(plan: &Plan, direction: &Direction, image: f32) -> f32 {
-    let arrivals = square(&wavefront::arrivals(&plan.geometry, direction, 0.0));
+/// Square of what a speed of sound that is off by its own length would make of it, s².
+fn of_speed(plan: &Plan, direction: &Direction) -> f32 {
+    square(&wavefront::arrivals(&plan.geometry, direction, 0.0))
+}
+
+/// What was told uncertain makes of it at most, s²: positions, how far away the vessel is, and the speed at which a sound of this direction crosses,
+/// which the image makes another by that share.
+pub(super) fn explained(context: &Context<'_>, direction: &Direction, image: f32) -> f32 {
+    let plan = context.plan;
     let speed = plan.sound_speed_sd * plan.sound_speed_sd + image * image;
-    TOLD_SD * TOLD_SD * (plan.position_sd_s * plan.position_sd_s + speed * arrivals)
+    let (curvature, sd) = context.curvature(direction);
+    let at = |curvature: f32| wavefront::arrivals(&plan.geometry, direction, curvature);
+    let mut bent = at(curvature + sd);
+    bent.iter_mut().zip(at(curvature)).for_each(|(bent, usual)| *bent -= usual);
+    let positions = plan.position_sd_s * plan.position_sd_s;
+    TOLD_SD * TOLD_SD * (positions + speed * of_speed(plan, direction) + square(&bent))
+}
+
+/// What a speed of sound that was not told uncertain makes of it at most, s².
+pub(super) fn untold(plan: &Plan, direction: &Direction) -> f32 {
+    UNTOLD_SPEED * UNTOLD_SPEED * of_speed(plan, direction)
 }

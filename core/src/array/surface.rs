@@ -46,9 +46,7 @@ pub(super) fn joins(
         if let Some(apart) = &apart {
             let vessel = apart.vessel();
             context.vessel = Some(vessel);
-            if let Some(strained) = memory.agreement.of_vessel(plan, &vessel, apart.pair_delays()) {
-                *doubt = doubt.or(strained);
-            }
+            *doubt = doubt.or(memory.agreement.of_vessel(context, &vessel, apart.pair_delays()));
         }
         return apart.or(Some(seen));
     }

@@ -266,12 +266,10 @@ impl Checks {
         }
     }
 
-    /// Whether no direction is one: components are said to be exchanged, or something is wrong with them and it was not yet said what.
+    /// Whether no direction is one: components are said to be exchanged or a sign turned round (whose, a vertical component does not know), or
+    /// something is wrong with them and it was not yet said what.
     pub(super) fn are_misplaced(&self) -> bool {
-        match usize::from(self.said_component) {
-            0 => self.in_doubt,
-            said => said != VERTICAL,
-        }
+        self.in_doubt || self.said_component > 0
     }
 
     /// Whether what is called pressure is said to be none: no range is one then.

@@ -354,7 +354,8 @@ impl Gains {
             self.compared >= HEARD && off_db >= UNEQUAL_DB && probability > OPEN
         };
         let open = open && !self.said;
-        (core::mem::replace(&mut self.in_doubt, open) != open).then_some(open.then_some(self.ratio_db))
+        let louder_db = self.known_db + self.ratio_db;
+        (core::mem::replace(&mut self.in_doubt, open) != open).then_some(open.then_some(louder_db))
     }
 
     /// Whether nothing is taken out yet: the ratio is of minutes beside vessels alone, which may be of one that lies along a component, and they

@@ -28,7 +28,8 @@ impl Warning {
         let text = match fault.code {
             FaultCode::Reversed => {
                 "pressure or motion has its sign turned round: vertical motion goes with pressure as it cannot for sound from above, or for \
-                 earthquakes from below; look at the wiring, or at `intensity` in the station file"
+                 earthquakes from below; until that is put right no azimuth and no track is told, for they may be half a turn off (look at the \
+                 wiring, and at `intensity` in the station file)"
                     .to_owned()
             }
             FaultCode::SignInDoubt => {
@@ -54,8 +55,8 @@ impl Warning {
                 value as f64 / 10.0
             ),
             FaultCode::GainInDoubt => format!(
-                "north is {:.1} dB louder than east where no vessel is heard: a gain that is not as told, or noise of one component alone, and which is \
-                 said once vessels have passed; until then directions hold it for either (look at `sensitivity` of both, and at the sensor's levelling)",
+                "north is {:.1} dB louder than east where no vessel is heard: a gain that is not as told, noise of one component alone, or noise along it, and whether it is a \
+                 gain is known once vessels have passed; until then directions hold it for either (look at `sensitivity` of both, and at the sensor's levelling)",
                 value as f64 / 10.0
             ),
             FaultCode::TableOff => format!(
