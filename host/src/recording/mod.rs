@@ -429,6 +429,12 @@ fn of_card(container: Container, path: &Path) -> Option<crate::card::CardFile> {
     (container == Container::Wav).then(|| crate::card::recorded(path)).flatten()
 }
 
+/// Whether a file's name says that it is a recording.
+fn is_named_as_one(path: &Path) -> bool {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    extension.is_some_and(|e| ["wav", "flac", "mseed", "sac", "sbraw"].contains(&e.as_str()))
+}
+
 /// Why a file is no recording.
 fn foreign(path: &Path) -> &'static str {
     match std::fs::metadata(path).map(|m| m.len()) {
@@ -458,8 +464,12 @@ fn expand(paths: &[PathBuf], seed_id: Option<&str>, span: Span) -> Result<Vec<(P
                     folders.push(path);
                 } else if is_outside(&path, seed_id, span) {
                     passed = true;
-                } else if !hidden && path.is_file() && (Container::of(&path).is_ok_and(|c| c.is_some())) {
-                    files.push((path, false));
+                } else if !hidden && path.is_file() {
+                    if Container::of(&path).is_ok_and(|c| c.is_some()) {
+                        files.push((path, false));
+                    } else if is_named_as_one(&path) {
+                        log::warn!("{}: {}; left out", path.display(), foreign(&path));
+                    }
                 }
             }
         }
