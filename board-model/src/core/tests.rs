@@ -1,11 +1,11 @@
 //! Instructions against vectors worked out from the architecture's rules; exceptions against its frames.
 
 use super::Machine;
-use crate::board::{Board, Bus, Refusal, Width};
+use crate::board::{Board, Bus, Refusal, Width, Wish};
 use crate::costs::Costs;
 use crate::elf::Image;
 use crate::memory::{Kind, Memory};
-use crate::time::{NEVER, Ticks};
+use crate::time::{NEVER, PER_SECOND, Ticks};
 
 /// A core with memory and nothing else.
 #[derive(Debug)]
@@ -30,10 +30,45 @@ impl Board for Bare {
     }
 }
 
+/// A board whose power fails once, and whose registers are off at that moment.
+#[derive(Debug)]
+struct Failing {
+    at: Ticks,
+    failed: Ticks,
+    reads: u32,
+}
+
+impl Board for Failing {
+    fn read(&mut self, bus: &mut Bus<'_>, _: u32, _: Width) -> Result<u32, Refusal> {
+        self.reads += 1;
+        if bus.now == self.failed { Refusal::stop("off") } else { Ok(7) }
+    }
+    fn write(&mut self, bus: &mut Bus<'_>, address: u32, _: u32, width: Width) -> Result<(), Refusal> {
+        self.read(bus, address, width).map(|_| ())
+    }
+    fn advance(&mut self, bus: &mut Bus<'_>) -> Result<(), Refusal> {
+        (self.at, self.failed) = (NEVER, bus.now);
+        bus.wishes.push(Wish::Reset);
+        Ok(())
+    }
+    fn next_event(&self) -> Ticks {
+        self.at
+    }
+    fn software_reset(&mut self, _: &mut Bus<'_>) {}
+    fn reset_hz(&self) -> u64 {
+        480_000_000
+    }
+}
+
 const STACK: u32 = 0x2000_1000;
 
 /// Code at 0x100, a handler of every exception at 0x200.
 fn machine(code: &[u16], handler: &[u16]) -> Machine<Bare> {
+    machine_of(Bare, Costs::IDEAL, code, handler)
+}
+
+/// The same of a board.
+fn machine_of<B: Board>(board: B, costs: Costs, code: &[u16], handler: &[u16]) -> Machine<B> {
     let mut flash = vec![0u8; 0x400];
     let mut put = |at: usize, bytes: &[u8]| flash[at..at + bytes.len()].copy_from_slice(bytes);
     put(0, &STACK.to_le_bytes());
@@ -45,7 +80,7 @@ fn machine(code: &[u16], handler: &[u16]) -> Machine<Bare> {
     let mut memory = Memory::default();
     memory.add(0, 1 << 16, Kind::Flash, 0xff);
     memory.add(0x2000_0000, 1 << 16, Kind::TightlyCoupled, 0);
-    Machine::new(Bare, memory, Image::raw(0, flash), Costs::IDEAL, &[(0, 0x400)]).expect("it fits")
+    Machine::new(board, memory, Image::raw(0, flash), costs, &[(0, 0x400)]).expect("it fits")
 }
 
 /// Carries out so many instructions and takes the exceptions between them.
@@ -203,4 +238,19 @@ fn an_instruction_that_is_not_known_stops_in_one_line() {
     machine.pc = 0x102;
     let line = machine.run(Ticks::MAX).expect_err("coprocessor 0 is not there");
     assert!(line.contains("ec00 0000") && line.contains("pc 0x00000102"), "{line}");
+}
+
+#[test]
+fn a_register_that_is_read_or_written_as_power_fails_is_not_there() {
+    let costs = Costs { register: 30.0, ..Costs::IDEAL };
+    // A load, and a store, of a register, again and again; at each instant of the costly access power fails.
+    let cycle = PER_SECOND / 480_000_000;
+    for code in [[0x6808, 0xe7fd], [0x6008, 0xe7fd]] {
+        for at in (300..340).map(|cycles| cycles * cycle) {
+            let mut machine = machine_of(Failing { at, failed: NEVER, reads: 0 }, costs, &code, &[]);
+            machine.r[1] = 0x4000_0000;
+            let ended = machine.run(at + 100 * cycle);
+            assert!(ended.is_ok() && machine.board.reads > 0, "{at}: {ended:?}");
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! Loads and stores (A7.7): plain memory at once, registers of the core and of the board by the way round.
 
 use super::{Machine, Trouble, exception::fault, reason};
-use crate::board::{Board, Refusal, Width};
+use crate::board::{Board, Refusal, Width, Wish};
 use crate::instruction::{Instruction, access};
 
 impl<B: Board> Machine<B> {
@@ -78,9 +78,12 @@ impl<B: Board> Machine<B> {
         } else {
             self.work.register_reads += 1;
             self.now += self.system.costs.register;
-            self.catch_up();
-            let (board, mut bus) = self.bus();
-            board.read(&mut bus, address, width)
+            if self.catch_up() {
+                let (board, mut bus) = self.bus();
+                board.read(&mut bus, address, width)
+            } else {
+                Ok(0)
+            }
         };
         read.unwrap_or_else(|refusal| {
             self.refuse(address, false, refusal);
@@ -105,20 +108,25 @@ impl<B: Board> Machine<B> {
         } else {
             self.work.register_writes += 1;
             self.now += self.system.costs.register;
-            self.catch_up();
-            let (board, mut bus) = self.bus();
-            board.write(&mut bus, address, value, width)
+            if self.catch_up() {
+                let (board, mut bus) = self.bus();
+                board.write(&mut bus, address, value, width)
+            } else {
+                Ok(())
+            }
         };
         if let Err(refusal) = written {
             self.refuse(address, true, refusal);
         }
     }
 
-    /// A register is seen as it is now, not as it was at the last look at events.
-    fn catch_up(&mut self) {
+    /// A register is seen as it is now, not as it was at the last look at events; whether it is there: where power fails or the watchdog ends
+    /// at this very access, there is no core that it comes back to.
+    fn catch_up(&mut self) -> bool {
         if let Err(line) = self.advance() {
             self.fail(Trouble::Stop(line));
         }
+        !self.wishes.iter().any(|wish| matches!(wish, Wish::Reset))
     }
 
     fn refuse(&mut self, address: u32, write: bool, refusal: Refusal) {
