@@ -27,9 +27,9 @@ pub struct Args {
     /// ship (obs-week, obs-week-5db, obs-week-10db)
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
-    /// Folder of the real recordings and ship positions that some experiments need [default: ../shared/data, which need not be there].
-    #[arg(long)]
-    data: Option<PathBuf>,
+    /// Folder of the real recordings and ship positions that some experiments need.
+    #[arg(long, default_value = "../shared/data")]
+    data: PathBuf,
     /// Monte Carlo runs instead of the experiment's own number.
     #[arg(long)]
     runs: Option<std::num::NonZeroUsize>,
@@ -41,13 +41,10 @@ pub struct Args {
     json: bool,
 }
 
-/// Folder of data where none is named.
-const DATA: &str = "../shared/data";
-
 /// Runs the command.
 ///
 /// # Errors
-/// An unknown name, a folder of data that is not there, what the experiment says, or [`Missed`].
+/// An unknown name, what the experiment says, or [`Missed`].
 pub fn run(args: Args) -> Result<()> {
     let Some(name) = args.name.clone() else {
         for e in EXPERIMENTS {
@@ -55,12 +52,6 @@ pub fn run(args: Args) -> Result<()> {
         }
         return Ok(());
     };
-    if let Some(data) = args.data.as_deref().filter(|data| !data.is_dir()) {
-        bail!(
-            "{}: no such folder; --data names that of the real recordings and ship positions",
-            data.display()
-        );
-    }
     let chosen = EXPERIMENTS.iter().find(|e| e.name == name);
     if chosen.is_none() && name != "all" {
         bail!(
@@ -86,7 +77,7 @@ fn one(args: &Args, e: &Experiment) -> Result<()> {
         seed: args.seed,
         json: args.json,
         plots: args.plots.clone(),
-        data: args.data.clone().unwrap_or_else(|| DATA.into()),
+        data: args.data.clone(),
         figures: Figures::new(e.name),
     };
     (e.run)(&options).with_context(|| e.name.to_owned())?;
@@ -163,9 +154,7 @@ struct Ran {
 fn apart(args: &Args, experiment: &Experiment, threads: usize) -> Result<Ran> {
     let mut command = Command::new(std::env::current_exe().context("the command's own file")?);
     command.args(["reproduce", experiment.name, "--seed", &args.seed.to_string(), "--out"]).arg(&args.out);
-    if let Some(data) = &args.data {
-        command.arg("--data").arg(data);
-    }
+    command.arg("--data").arg(&args.data);
     if let Some(runs) = args.runs {
         command.args(["--runs", &runs.to_string()]);
     }
