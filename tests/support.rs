@@ -41,7 +41,7 @@ pub fn ocean_bottom(folder: &Path, duration_s: f64) -> anyhow::Result<OceanBotto
     std::fs::write(folder.join("scenario.toml"), scenario)?;
     let scenario = ObsScenario::read(&folder.join("scenario.toml"))?;
     let station = folder.join("station.toml");
-    std::fs::write(&station, ocean_bottom::station::text(&scenario, "table.toml", false))?;
+    std::fs::write(&station, ocean_bottom::station::text(&scenario, "table.toml"))?;
     let mut simulator = Simulator::new(scenario, table, Vec::new())?;
     let mut blocks = Vec::new();
     while let Some(block) = simulator.next_block()? {

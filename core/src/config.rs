@@ -212,6 +212,18 @@ pub struct ArrayConfig {
     pub sound_speed_sd_m_s: f64,
 }
 
+/// Whose choices an ocean-bottom station makes: its own, or for comparison those of paper O.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Compatibility {
+    /// Ours.
+    #[default]
+    None,
+    /// Those of the programme by which the paper's authors made their figures.
+    Programme,
+    /// Those of the paper's text.
+    Paper,
+}
+
 /// The ocean-bottom station.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObsConfig {
@@ -219,8 +231,8 @@ pub struct ObsConfig {
     pub orientation_of_north_deg: f64,
     /// Whether active intensity points away from the source (the physical sign) or towards it.
     pub intensity_towards: bool,
-    /// The paper's own choices instead of ours, for comparison.
-    pub paper_compatibility: bool,
+    /// Whose choices.
+    pub compatibility: Compatibility,
     /// Whether directions by frequency are said once a minute.
     pub azigram: bool,
 }

@@ -92,7 +92,7 @@ fn run(options: &Options) -> Result<()> {
                 };
                 ObsScenario { faults, ..s.clone() }
             };
-            let case = Case::run(damaged(&ship, deviations[0]), &table, Vec::new(), false)?;
+            let case = Case::run(damaged(&ship, deviations[0]), &table, Vec::new())?;
             let d = case.detections().remove(0);
             let off = d.azimuth_wrong + d.azimuth.iter().filter(|e| e.abs() > WRONG).count();
             let azimuths = d.azimuth.len() + d.azimuth_wrong;
@@ -100,7 +100,7 @@ fn run(options: &Options) -> Result<()> {
             let tracked = e.is_some_and(|e| {
                 e.cpa_time_s.abs() <= 10.0 && e.cpa_range_m.abs() <= 150.0 && e.speed_m_s.abs() <= 0.05
             });
-            let silence = Case::run(damaged(&sea, deviations[1]), &table, Vec::new(), false)?;
+            let silence = Case::run(damaged(&sea, deviations[1]), &table, Vec::new())?;
             let count = |of: &dyn Fn(&Message) -> bool| silence.messages.iter().filter(|m| of(m)).count();
             let false_azimuths = count(&|m| matches!(m, Message::Azimuth(a) if a.detected));
             let false_tracks = count(&|m| matches!(m, Message::Track(_)));

@@ -283,7 +283,7 @@ fn hear(options: &Options, days: usize, table: &Propagation, defect: &Defect) ->
         orientation_of_north_deg: scenario.orientation_of_north_deg - defect.turned_deg,
         ..scenario.clone()
     };
-    let (config, rate_hz) = (station::config(&told, false)?, scenario.rate_hz);
+    let (config, rate_hz) = (station::config(&told)?, scenario.rate_hz);
     let mut simulator = Simulator::new(scenario, table.clone(), extra)?;
     let courses: Vec<VesselCourse> = simulator.vessels.iter().map(|v| v.course.clone()).collect();
     let mut altered = Altered::new(&mut simulator, defect.codes);

@@ -41,7 +41,7 @@ fn run(options: &Options) -> Result<()> {
         let scenario = ObsScenario { vessels: vec![ship(seed)], ..quiet(seed, 21_600.0) };
         let bytes = table::blob(&table, "RR03", RATE_HZ)?;
         let view = Table::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
-        let plan = Plan::new(&station::config(&scenario, false)?, &view).map_err(|e| anyhow!("{e}"))?;
+        let plan = Plan::new(&station::config(&scenario)?, &view).map_err(|e| anyhow!("{e}"))?;
         let paths = scenario.paths;
         let mut simulator = Simulator::new(scenario, table.clone(), Vec::new())?;
         let vessels = simulator.vessels.clone();

@@ -85,7 +85,7 @@ struct Told {
 }
 
 fn hear(table: &Propagation, seed: u64, level_db: f64) -> Result<Told> {
-    let case = Case::run(scene(seed, level_db), table, Vec::new(), false)?;
+    let case = Case::run(scene(seed, level_db), table, Vec::new())?;
     let mut found = vec![false; case.vessels.len()];
     let mut out = Told {
         vessels: found.len(),

@@ -109,7 +109,7 @@ fn hear(options: &Options, days: usize, table: &Propagation, off: &Off) -> Resul
         orientation_of_north_deg: scenario.orientation_of_north_deg - off.turned_deg,
         ..scenario.clone()
     };
-    let mut config = station::config(&told, false)?;
+    let mut config = station::config(&told)?;
     config.doubts = off.told;
     let (paths, rate_hz) = (scenario.paths, scenario.rate_hz);
     let mut simulator = Simulator::new(scenario, table.clone(), extra)?;

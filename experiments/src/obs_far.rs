@@ -59,7 +59,7 @@ struct Case {
 }
 
 fn hear(scenario: ObsScenario, table: &Propagation) -> Result<Case> {
-    let config = station::config(&scenario, false)?;
+    let config = station::config(&scenario)?;
     let (paths, rate_hz) = (scenario.paths, scenario.rate_hz);
     let mut simulator = Simulator::new(scenario, table.clone(), Vec::new())?;
     let vessels = simulator.vessels.clone();

@@ -132,7 +132,7 @@ fn scene(seed: u64, kind: &Kind) -> ObsScenario {
 /// What was said of its set-up.
 fn said(table: &Propagation, seed: u64, kind: &Kind) -> Result<Vec<Fault>> {
     let scenario = scene(seed, kind);
-    let config = station::config(&scenario, false)?;
+    let config = station::config(&scenario)?;
     let mut simulator = Simulator::new(scenario, table.clone(), Vec::new())?;
     let mut altered = Altered::new(&mut simulator, kind.codes);
     let mut faults = Vec::new();

@@ -64,7 +64,7 @@ fn run(options: &Options) -> Result<()> {
     let (mut ranges, mut wrong, mut bytes_a_minute) = (0usize, 0usize, 0.0_f64);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let scenario = ObsScenario { vessels: four(seed), ..quiet(seed, DURATION_S) };
-        let case = Case::run(scenario, &table, Vec::new(), false)?;
+        let case = Case::run(scenario, &table, Vec::new())?;
         bytes_a_minute = bytes_a_minute.max(case.bytes_a_minute(DURATION_S));
         let stage = |m: &&Message| matches!(m, Message::Track(t) if t.stage == Track::FINAL);
         finals += case.messages.iter().filter(stage).count();

@@ -111,7 +111,7 @@ fn hear(options: &Options, table: &Propagation, of: &North) -> Result<Told> {
                 .shaking
                 .push(ShakingTable { axis_deg: scenario.orientation_of_north_deg, level_db });
         }
-        let (config, paths, rate_hz) = (station::config(&scenario, false)?, scenario.paths, scenario.rate_hz);
+        let (config, paths, rate_hz) = (station::config(&scenario)?, scenario.paths, scenario.rate_hz);
         let mut simulator = Simulator::new(scenario, table.clone(), Vec::new())?;
         let (vessels, heard) = (simulator.vessels.clone(), simulator.heard());
         let mut messages = Vec::new();

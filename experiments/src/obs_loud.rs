@@ -110,7 +110,7 @@ fn hear(options: &Options, scene: &Scene, table: &Propagation) -> Result<Outcome
     let mut out = Outcome::default();
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let scenario = ObsScenario { vessels: vec![vessel(scene, seed)], ..quiet(seed, RECORD_S) };
-        let case = Case::run(scenario, table, Vec::new(), false)?;
+        let case = Case::run(scenario, table, Vec::new())?;
         out.tracked += usize::from(case.final_track(0).is_some_and(|e| {
             e.cpa_time_s.abs() <= 10.0 && e.cpa_range_m.abs() <= 150.0 && e.speed_m_s.abs() <= 0.05
         }));

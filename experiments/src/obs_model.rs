@@ -75,7 +75,7 @@ fn passage(
     let vessel =
         ObsVessel { name: format!("{k}"), straight, active_s: [-1e9, 1e9], radiation: Radiation::default() };
     let scenario = ObsScenario { vessels: vec![vessel], ..quiet(seed + k as u64, RECORD_S) };
-    let config = station::config(&scenario, false)?;
+    let config = station::config(&scenario)?;
     let mut simulator = Simulator::new(scenario, table.clone(), Vec::new())?;
     let mut heard = frames(&mut simulator, &config)?;
     // Records follow one another a day apart.

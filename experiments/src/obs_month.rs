@@ -60,7 +60,7 @@ fn run(options: &Options) -> Result<()> {
             scenario.start = time::OffsetDateTime::from_unix_timestamp(start as i64)?;
             let there: Vec<_> = all.iter().filter(|p| inside(p.cpa_unix_s - start, 0.0)).collect();
             let extra = there.iter().map(|p| p.extra(start, &Radiation::default())).collect();
-            let case = Case::run(scenario, &table, extra, false)?;
+            let case = Case::run(scenario, &table, extra)?;
             let counted: Vec<bool> =
                 there.iter().map(|p| inside(p.cpa_unix_s - start, MARGIN_DAYS)).collect();
             let finals: Vec<Track> = tracks(&case).filter(|t| t.stage == Track::FINAL).collect();

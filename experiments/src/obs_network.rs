@@ -88,7 +88,7 @@ fn run(options: &Options) -> Result<()> {
             heard.straight = seen_from(&ship.straight, place);
             let scenario =
                 ObsScenario { vessels: vec![heard], ..quiet(seed.wrapping_mul(7) + i as u64, 21_600.0) };
-            let case = Case::run(scenario, &table, Vec::new(), false)?;
+            let case = Case::run(scenario, &table, Vec::new())?;
             own = own.or_else(|| case.final_track(0));
             let mut text = String::new();
             for m in &case.messages {

@@ -94,7 +94,7 @@ fn attribute(heard: &[HeardEvent], t_s: f64, azimuth: f64) -> Option<&'static st
 
 fn run(options: &Options) -> Result<()> {
     let days = options.runs.unwrap_or(7);
-    let case = Case::run(scenario(options.seed, days), &station_table(options)?, Vec::new(), false)?;
+    let case = Case::run(scenario(options.seed, days), &station_table(options)?, Vec::new())?;
     let kinds = ["fin_whale", "blue_whale", "earthquake", "t_phase", "strumming", "nothing"];
     let (mut tonal, mut impulsive) = ([0usize; 6], [0usize; 6]);
     let (mut windows, mut ranges, mut tracks, mut segments) = (0usize, 0usize, 0usize, 0usize);

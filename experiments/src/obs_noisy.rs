@@ -96,7 +96,7 @@ fn hear(
             let axis_deg = scenario.orientation_of_north_deg + axis_deg;
             scenario.ambient.shaking.push(ShakingTable { axis_deg, level_db: more_db });
         }
-        let case = Case::run(scenario, table, Vec::new(), false)?;
+        let case = Case::run(scenario, table, Vec::new())?;
         row.take(&case);
     }
     Ok(row)

@@ -1,18 +1,21 @@
 //! One vessel, six hours: azimuth, range, wrong branches and track of the whole chain against the issue's bars.
 //!
 //! Closest point 5 to 15 km, 4 to 10 m/s, wideband noise at 0 dB and six lines at +20 dB at 20 km (what that means
-//! stands in [`crate::ocean_bottom::scenario`]), five paths, no fade. One seed a vessel. Each record is heard twice, by the
-//! station's own choices and by the paper's (`compatibility = "paper"`), whose figures stand beside without a bar.
+//! stands in [`crate::ocean_bottom::scenario`]), five paths, no fade. One seed a vessel. Each record is heard three times, by the
+//! station's own choices and by those of the paper's authors' programme and of its text (`compatibility`), whose figures stand
+//! beside without a bar.
 
 use super::obs_world::{Case, station_table};
 use super::{Experiment, Options};
 use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel, Side, Straight};
+use crate::ocean_bottom::station;
 use crate::propagation::Propagation;
 use crate::score::{Detections, smad, track};
 use anyhow::Result;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use seabearing_core::config::{Compatibility, Kind};
 use seabearing_core::wire::Message;
 
 /// The experiment.
@@ -46,14 +49,18 @@ pub fn ship(seed: u64) -> ObsVessel {
 fn listen(
     options: &Options,
     table: &Propagation,
-    paper: bool,
+    (choices, compatibility): (&str, Compatibility),
     rows: &mut CsvText,
 ) -> Result<(Detections, [f64; 4])> {
     let (mut all, mut worst) = (Detections::default(), [0.0f64; 4]);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let ship = ship(seed);
         let scenario = ObsScenario { vessels: vec![ship.clone()], ..super::obs_world::quiet(seed, 21_600.0) };
-        let case = Case::run(scenario, table, Vec::new(), paper)?;
+        let mut config = station::config(&scenario)?;
+        if let Kind::Obs(obs) = &mut config.kind {
+            obs.compatibility = compatibility;
+        }
+        let case = Case::heard_by(&config, scenario, table, Vec::new())?;
         let d = case.detections().remove(0);
         let tracks: Vec<_> = case
             .messages
@@ -65,7 +72,7 @@ fn listen(
         let cells =
             e.map_or([f64::NAN; 4], |e| [e.cpa_time_s, e.cpa_range_m, e.heading.to_degrees(), e.speed_m_s]);
         rows.row(&[
-            &if paper { "paper" } else { "own" },
+            &choices,
             &seed,
             &Fixed(ship.straight.cpa_range_m, 0),
             &Fixed(ship.straight.speed_m_s, 2),
@@ -96,8 +103,9 @@ fn run(options: &Options) -> Result<()> {
         "choices,seed,cpa_range_m,speed_m_s,azimuth_n,azimuth_wrong,azimuth_smad_deg,range_n,wrong_branch,range_smad_m,\
          speed_smad_m_s,track_cpa_time_s,track_cpa_range_m,track_heading_deg,track_speed_m_s",
     );
-    let (own, worst) = listen(options, &table, false, &mut rows)?;
-    let (paper, _) = listen(options, &table, true, &mut rows)?;
+    let (own, worst) = listen(options, &table, ("own", Compatibility::None), &mut rows)?;
+    let (programme, _) = listen(options, &table, ("programme", Compatibility::Programme), &mut rows)?;
+    let (paper, _) = listen(options, &table, ("paper", Compatibility::Paper), &mut rows)?;
     super::obs_world::print(options, "obs-one-ship", rows)?;
     let figures = |d: &Detections| {
         [
@@ -114,8 +122,10 @@ fn run(options: &Options) -> Result<()> {
     for ((name, value), bar) in names.iter().zip(worst).zip([10.0, 150.0, 0.5, 0.05]) {
         options.figures.at_most(format!("worst track: {name}"), value, bar);
     }
-    for (name, value, _) in figures(&paper) {
-        options.figures.state(format!("by the paper's choices: {name}"), value);
+    for (whose, heard) in [("the programme's", &programme), ("the paper's", &paper)] {
+        for (name, value, _) in figures(heard) {
+            options.figures.state(format!("by {whose} choices: {name}"), value);
+        }
     }
     Ok(())
 }

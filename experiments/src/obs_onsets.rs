@@ -129,7 +129,7 @@ fn hear(options: &Options, table: &Propagation, onset: &Onset) -> Result<Heard> 
     let (mut doubted_h, mut named_h) = (Vec::new(), Vec::new());
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let scenario = ObsScenario { vessels: vessels(seed), ..quiet(seed, DAY_S) };
-        let (config, paths, rate_hz) = (station::config(&scenario, false)?, scenario.paths, scenario.rate_hz);
+        let (config, paths, rate_hz) = (station::config(&scenario)?, scenario.paths, scenario.rate_hz);
         let mut simulator = Simulator::new(scenario, table.clone(), Vec::new())?;
         let (vessels, heard) = (simulator.vessels.clone(), simulator.heard());
         let from = (onset.from_h * 3600.0 * rate_hz) as u64;

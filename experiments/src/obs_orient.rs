@@ -71,7 +71,7 @@ fn run(options: &Options) -> Result<()> {
             VesselCourse::Fixes(fixes.collect())
         })
         .collect();
-    let frames = stages::frames(&mut simulator, &station::config(&assumed, false)?)?;
+    let frames = stages::frames(&mut simulator, &station::config(&assumed)?)?;
     let evidence = stages::range_evidence(&frames, &table);
     let travel = |range_m: f64| table.travel_time_s((range_m / table.step_m).round() as usize);
     let at = place(&evidence, &courses, &travel, SEARCH_M)?;

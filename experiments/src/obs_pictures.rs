@@ -44,7 +44,7 @@ fn scenario(seed: u64) -> ObsScenario {
 
 fn run(options: &Options) -> Result<()> {
     let table = station_table(options)?;
-    let case = Case::run(scenario(options.seed), &table, Vec::new(), false)?;
+    let case = Case::run(scenario(options.seed), &table, Vec::new())?;
     let truth: Vec<TruthCurve> = case
         .vessels
         .iter()
@@ -61,7 +61,7 @@ fn run(options: &Options) -> Result<()> {
             }
         })
         .collect();
-    let config = station::config(&scenario(options.seed), false)?;
+    let config = station::config(&scenario(options.seed))?;
     let mut again = Simulator::new(scenario(options.seed), table.clone(), Vec::new())?;
     let dir = options.out.join("obs-pictures");
     let mut written =

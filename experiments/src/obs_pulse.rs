@@ -115,7 +115,7 @@ fn passage(
         ObsVessel { name: format!("{k}"), straight, active_s: [-1e9, 1e9], radiation: radiation.clone() };
     let scenario =
         ObsScenario { vessels: vec![vessel], ..quiet(seed.wrapping_mul(101) + k as u64, RECORD_S) };
-    let config = station::config(&scenario, false)?;
+    let config = station::config(&scenario)?;
     let mut simulator = Simulator::new(scenario, table.clone(), Vec::new())?;
     let mut heard = frames(&mut simulator, &config)?;
     let late_s = 86_400.0 * k as f64;

@@ -49,7 +49,7 @@ fn hear(options: &Options, table: &Propagation, change: Change) -> Result<Row> {
         let mut ship = super::obs_one_ship::ship(seed);
         change(&mut ship.radiation);
         let scenario = ObsScenario { vessels: vec![ship], ..quiet(seed, RECORD_S) };
-        row.take(&Case::run(scenario, table, Vec::new(), false)?);
+        row.take(&Case::run(scenario, table, Vec::new())?);
     }
     Ok(row)
 }

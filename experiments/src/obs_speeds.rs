@@ -65,7 +65,7 @@ fn hear(options: &Options, speed_m_s: f64, table: &Propagation) -> Result<Outcom
     let mut out = Outcome::default();
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let scenario = ObsScenario { vessels: vec![vessel(speed_m_s, seed)], ..quiet(seed, RECORD_S) };
-        let case = Case::run(scenario, table, Vec::new(), false)?;
+        let case = Case::run(scenario, table, Vec::new())?;
         out.tracked += usize::from(case.final_track(0).is_some_and(|e| super::obs_two_ships::is_tracked(&e)));
         for track in tracks(&case).filter(|t| t.stage == Track::FINAL) {
             out.finals += 1;

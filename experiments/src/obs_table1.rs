@@ -73,7 +73,7 @@ fn run(options: &Options) -> Result<()> {
             scenario.start
         );
     }
-    let case = Case::run(scenario, &station_table(options)?, extra, false)?;
+    let case = Case::run(scenario, &station_table(options)?, extra)?;
     let (rows, tracked) = table(&case);
     options.figures.state("vessels with a final track", f64::from(tracked));
     options.figures.state("vessels", case.vessels.len() as f64);

@@ -110,7 +110,7 @@ fn hear(table: &Propagation, seed: u64, vessel_db: f64) -> Result<Told> {
     radiation.wideband_db += vessel_db;
     radiation.tone_db += vessel_db;
     let extra = vec![Extra { vessel: turning.vessel.clone(), radiation }];
-    let case = Case::run(quiet(seed, RECORD_S), table, extra, false)?;
+    let case = Case::run(quiet(seed, RECORD_S), table, extra)?;
     let azimuth = Stated::sum(&minutes(&case).0);
     let (mut finals, mut of_nobody, mut withdrawn, mut numbers) = ([0; 2], 0, 0, Numbers::default());
     for t in tracks(&case) {

@@ -66,7 +66,7 @@ fn run(options: &Options) -> Result<()> {
     let (mut ships, mut tracked, mut straight, mut faults) = (0, 0, 0, 0);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let scenario = ObsScenario { vessels: pair(seed).to_vec(), ..quiet(seed, 21_600.0) };
-        let case = Case::run(scenario, &table, Vec::new(), false)?;
+        let case = Case::run(scenario, &table, Vec::new())?;
         faults += case.set_up_faults().len();
         for (i, d) in case.detections().iter().enumerate() {
             let e = case.final_track(i);

@@ -195,7 +195,7 @@ impl Numbers {
 fn run(options: &Options, level: &Level) -> Result<()> {
     let Traffic { scenario, extra } = traffic(options, options.runs.unwrap_or(DAYS), level.db)?;
     let table = station_table(options)?;
-    let case = Case::run(scenario.clone(), &table, extra.clone(), false)?;
+    let case = Case::run(scenario.clone(), &table, extra.clone())?;
     if let Some(folder) = &options.plots {
         draw(options, folder, &case, scenario, &table, extra)?;
     }
@@ -250,7 +250,7 @@ fn draw(
     table: &Propagation,
     extra: Vec<Extra>,
 ) -> Result<()> {
-    let config = station::config(&scenario, false)?;
+    let config = station::config(&scenario)?;
     let truth = truth(case, scenario.duration_s);
     let mut again = Simulator::new(scenario, table.clone(), extra)?;
     let (_, written) = pages::draw(folder, &mut again, &config, table, &case.messages, &truth)?;

@@ -34,7 +34,7 @@ const RUNS: usize = 12;
 const RECORD_S: f64 = 1_800.0;
 
 fn heard(scenario: ObsScenario, table: &Propagation) -> Result<Vec<WhaleCall>> {
-    let config = station::config(&scenario, false)?;
+    let config = station::config(&scenario)?;
     let mut simulator = Simulator::new(scenario, table.clone(), Vec::new())?;
     Ok(calls(&mut simulator, &config, table)?.calls)
 }

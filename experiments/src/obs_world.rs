@@ -12,6 +12,7 @@ use crate::propagation::{Propagation, bottom::Bottom, convert, profile, trace};
 use crate::score::{Detections, detections};
 use crate::score::{TrackMiss, owner, then, track};
 use anyhow::Result;
+use seabearing_core::config::StationConfig;
 use seabearing_core::wire::{Encoder, Fault, FaultCode, Message};
 use std::path::PathBuf;
 
@@ -83,14 +84,27 @@ impl Case {
     ///
     /// # Errors
     /// A wrong scenario, or a table the core refuses.
-    pub fn run(scenario: ObsScenario, table: &Propagation, extra: Vec<Extra>, paper: bool) -> Result<Self> {
-        let config = station::config(&scenario, paper)?;
+    pub fn run(scenario: ObsScenario, table: &Propagation, extra: Vec<Extra>) -> Result<Self> {
+        let config = station::config(&scenario)?;
+        Self::heard_by(&config, scenario, table, extra)
+    }
+
+    /// The same by a station of another configuration than the scenario's.
+    ///
+    /// # Errors
+    /// As [`Case::run`].
+    pub fn heard_by(
+        config: &StationConfig,
+        scenario: ObsScenario,
+        table: &Propagation,
+        extra: Vec<Extra>,
+    ) -> Result<Self> {
         let (paths, rate_hz) = (scenario.paths, scenario.rate_hz);
         let mut simulator = Simulator::new(scenario, table.clone(), extra)?;
         let vessels = simulator.vessels.clone();
         let heard = simulator.heard();
         let mut messages = Vec::new();
-        run::run(&config, table, &mut simulator, &mut |m| messages.push(m))?;
+        run::run(config, table, &mut simulator, &mut |m| messages.push(m))?;
         Ok(Self { messages, vessels, heard, table: table.clone(), paths, rate_hz })
     }
 

@@ -72,7 +72,7 @@ fn day() -> ObsScenario {
 
 #[test]
 fn a_day_at_the_bottom_of_the_ocean() {
-    let case = Case::run(day(), &traced(), Vec::new(), false).unwrap();
+    let case = Case::run(day(), &traced(), Vec::new()).unwrap();
     let mut table = String::from(
         "ship    azimuths  wrong  SMAD deg  ranges  wrong  SMAD m  tracks  CPA s  CPA m  heading deg  speed m/s\n",
     );

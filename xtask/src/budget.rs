@@ -118,22 +118,16 @@ fn within_bars(figures: &[Figure]) -> Result<()> {
 /// The figures, printed, and the snapshot they make.
 fn figures(toolchain: &Toolchain) -> Result<(Vec<Figure>, String)> {
     emulator()?;
-    let mut figures = Vec::new();
-    for recorder in &RECORDERS {
-        let image = firmware::build(toolchain, recorder.image)?;
-        let recording = scenario::simulate(recorder.scenario)?;
-        figures.extend(measure(recorder, &image, &recording)?);
-        let twice = firmware::build(toolchain, &EMULATED_TWICE)?;
-        figures.push(configured_twice(recorder, &twice, &recording)?);
-    }
-    figures.extend(slower(&firmware::build(toolchain, &EMULATED_ARRAY)?)?);
-    figures.extend(fit(&firmware::build(toolchain, &EMULATED_FIT)?)?);
-    figures.extend(tracks(&firmware::build(toolchain, &EMULATED_TRACKS)?)?);
-    figures.extend(together(&figures)?);
-    figures.extend(hardware(toolchain)?);
-    figures.extend(store(toolchain)?);
-    figures.extend(ocean_bottom(toolchain)?);
-    figures.extend(card::figures(toolchain)?);
+    let [array, ocean_bottom] = RECORDERS.each_ref().map(|recorder| scenario::simulate(recorder.scenario));
+    let (array, ocean_bottom) = (array?, ocean_bottom?);
+    // An emulator keeps one core busy: the two boards' run beside each other.
+    let (emulated, hardware) = std::thread::scope(|scope| {
+        let emulated = scope.spawn(|| on_the_emulated_board(toolchain, [&array, &ocean_bottom]));
+        let hardware = on_the_modelled_board(toolchain, &ocean_bottom);
+        (emulated.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)), hardware)
+    });
+    let mut figures = emulated?;
+    figures.extend(hardware?);
     let mut text = format!(
         "# Budgets of the target: `cargo xtask budget` measures, `--bless` rewrites; tolerance {} %.\n\
          # Instructions are counted by QEMU over the scenario named; they are not cycles. `stm32h743`: the image for hardware\n\
@@ -148,6 +142,31 @@ fn figures(toolchain: &Toolchain) -> Result<(Vec<Figure>, String)> {
     }
     print!("{text}");
     Ok((figures, text))
+}
+
+/// What QEMU counts, over a recording for each kind of recorder.
+fn on_the_emulated_board(toolchain: &Toolchain, recordings: [&Recording; 2]) -> Result<Vec<Figure>> {
+    let mut figures = Vec::new();
+    for (recorder, recording) in RECORDERS.iter().zip(recordings) {
+        let image = firmware::build(toolchain, recorder.image)?;
+        figures.extend(measure(recorder, &image, recording)?);
+        let twice = firmware::build(toolchain, &EMULATED_TWICE)?;
+        figures.push(configured_twice(recorder, &twice, recording)?);
+    }
+    figures.extend(slower(&firmware::build(toolchain, &EMULATED_ARRAY)?)?);
+    figures.extend(fit(&firmware::build(toolchain, &EMULATED_FIT)?)?);
+    figures.extend(tracks(&firmware::build(toolchain, &EMULATED_TRACKS)?)?);
+    figures.extend(together(&figures)?);
+    Ok(figures)
+}
+
+/// What the images for hardware cost.
+fn on_the_modelled_board(toolchain: &Toolchain, recording: &Recording) -> Result<Vec<Figure>> {
+    let mut figures = hardware(toolchain)?;
+    figures.extend(store(toolchain)?);
+    figures.extend(ocean_bottom(toolchain, recording)?);
+    figures.extend(card::figures(toolchain)?);
+    Ok(figures)
 }
 
 /// The number of a key in a line of JSON.
@@ -514,16 +533,15 @@ fn a_conversion(image: &str, said: &str, most: Option<f64>) -> Result<Vec<Figure
 /// The ocean-bottom recorder's share of the time asleep, percent.
 const OCEAN_BOTTOM_ASLEEP: f64 = 95.0;
 
-/// The ocean-bottom recorder's image on its modelled board, over the beginning of its scenario, which was simulated before.
-fn ocean_bottom(toolchain: &Toolchain) -> Result<Vec<Figure>> {
-    let recording = scenario::simulated("ocean-bottom")?;
+/// The ocean-bottom recorder's image on its modelled board, over the beginning of its recording.
+fn ocean_bottom(toolchain: &Toolchain, recording: &Recording) -> Result<Vec<Figure>> {
     let station = recording.station.to_string_lossy().into_owned();
     let image = firmware::build_hardware(toolchain, &HARDWARE_OBS, Some(&station), None)?;
     say("counting what a conversion costs the ocean-bottom image");
     let (cycles, register) = (HARDWARE_CYCLES.to_string(), HARDWARE_REGISTER.to_string());
     let board =
         ["--board", "stm32h743", "--seconds", "200", "--cycles", &cycles, "--register-cycles", &register];
-    let said = twin(&board, &image, &recording)?;
+    let said = twin(&board, &image, recording)?;
     let figure = |what: &str, value, bar| Figure { name: format!("stm32h743 obs {what}"), value, bar };
     let elf = Elf::read(&image)?;
     let (statics, stack) = (f64::from(elf.statics()), told(&said, "stack_bytes")?);

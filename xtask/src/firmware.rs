@@ -8,6 +8,7 @@ use crate::toolchain::{TARGET, Toolchain};
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::{Mutex, PoisonError};
 
 /// One image.
 pub struct Image {
@@ -124,6 +125,9 @@ pub fn build(toolchain: &Toolchain, image: &Image) -> Result<PathBuf> {
 }
 
 fn build_with(toolchain: &Toolchain, image: &Image, holds: Option<(&Path, &Path)>) -> Result<PathBuf> {
+    // Images of one board are one file to cargo until they are copied.
+    static BUILDING: Mutex<()> = Mutex::new(());
+    let _alone = BUILDING.lock().unwrap_or_else(PoisonError::into_inner);
     say(&format!("building firmware {} ({})", image.name, image.features));
     let mut cargo = toolchain.cargo("build");
     cargo.args(["--quiet", "--package", "seabearing-firmware", "--profile", "firmware"]);

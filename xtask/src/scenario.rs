@@ -21,11 +21,6 @@ pub fn simulate(name: &str) -> Result<Recording> {
     record(&root().join(format!("scenarios/{name}.toml")), &root().join("target/scenarios").join(name))
 }
 
-/// What [`simulate`] made of a scenario before.
-pub fn simulated(name: &str) -> Result<Recording> {
-    recorded(&root().join("target/scenarios").join(name))
-}
-
 /// The demo's pass as a station hears it whose file differs from the demo's in these words.
 pub fn simulate_changed(name: &str, changes: &[(&str, &str)]) -> Result<Recording> {
     let folder = root().join("target/scenarios").join(name);

@@ -1,12 +1,17 @@
-//! Range as the paper finds it, for comparison: every window by itself, the branches apart.
+//! Range as paper O finds it, for comparison: every window by itself.
 //!
-//! Enters: the cepstra of a three-minute window. Leaves: presence and the one range and radial speed of greatest
-//! likelihood. For each of three branches the log ratios [O 19] of that branch alone are summed over the frames along
-//! `r + v (t_m − t0)`; the exponentials of the sums are smoothed over range by a Gaussian of 140 m, which forgives the
-//! table's phase; the smoothed ratios are multiplied: `l = Π_b (w * exp G_b)` [O 18, 19]. Detected where
-//! `mean_v Σ r l / Σ r > 1` [O 20, 22]; segments get the plain mean, which knows no prior [O 24].
-//! On the recorder's grid of 140 m × 1 m/s, not 70 m × ½ m/s. Cost: 18 M instructions a minute; no memory of its own: this
-//! mode has no recursive posterior, and the frames a minute's scratch cannot hold lie in that one's place.
+//! Enters: the cepstra of a three-minute window. Leaves: presence and the one range and radial speed told. Log ratios are summed over the
+//! frames along `r + v (t_m − t0)`. Then, by whose choices ([`Compatibility`]):
+//!
+//! - the authors' programme: for each of three branches the ratios [O 19] of that branch alone; the exponentials of the sums are
+//!   smoothed over range by a Gaussian of 140 m, which forgives the table's phase; the smoothed ratios are multiplied:
+//!   `l = Π_b (w * exp G_b)`. Told is the greatest likelihood; segments get the plain mean, which knows no prior;
+//! - the paper's text: the ratios of the summed model [O 18, 19], as they stand. Told is the greatest posterior [O 23], whose prior
+//!   goes with range [O 20], and segments get its mean [O 24].
+//!
+//! By both a vessel is detected where `mean_v Σ r l / Σ r > 1` [O 20, 22].
+//! On the recorder's grid of 140 m × 1 m/s, not 70 m × ½ m/s. Cost: 18 M instructions a minute by the programme's choices, a third by the
+//! text's; no memory of its own: this mode has no recursive posterior, and the frames a minute's scratch cannot hold lie in that one's place.
 
 use super::interference::Interference;
 use super::limits::{
@@ -14,7 +19,8 @@ use super::limits::{
 };
 use super::presence::{DETECTION, RangeMode, RangePresence, range_of};
 use super::radial::{GRID_UNIT, RadialScratch, add_shifted, coded, row_code, speed_of};
-use super::shared::Grid;
+use super::shared::{Grid, Shared};
+use crate::config::Compatibility;
 use crate::math;
 use bytemuck::{must_cast_slice, must_cast_slice_mut};
 
@@ -39,31 +45,51 @@ const FRAMES: usize = MINUTE_FRAMES + SPEEDS / 2;
 
 /// Range and radial speed from a window's frames `(offset_s, cepstrum)`, offsets from the window's middle.
 pub fn window<I, C>(
+    choices: Compatibility,
     model: &Interference<'_>,
     radial: &mut RadialScratch,
     spare: &mut Spare,
-    grid: &mut Grid,
+    shared: &mut Shared,
     frames: I,
 ) -> RangePresence
 where
     I: Iterator<Item = (f32, C)> + Clone,
     C: Iterator<Item = f32>,
 {
-    *grid = [[0; RANGE_CELLS]; SPEEDS];
-    for branch in 0..BRANCHES.min(model.branches()) {
+    let frames = || frames.clone().take(FRAMES);
+    let by_text = choices == Compatibility::Paper;
+    if by_text {
         radial.clear();
-        for (offset_s, cepstrum) in frames.clone().take(FRAMES) {
-            let mut y = [0f32; QUEFRENCIES];
-            y.iter_mut().zip(cepstrum).for_each(|(y, c)| *y = c);
-            model.branch_log_ratio(branch, &y, &mut radial.sum);
+        for (offset_s, cepstrum) in frames() {
+            let envelope = shared.envelope();
+            model.envelope(cepstrum, envelope);
+            model.log_ratio(envelope, &mut radial.sum);
             store(radial, spare, offset_s);
         }
+    }
+    let grid = shared.grid();
+    *grid = [[0; RANGE_CELLS]; SPEEDS];
+    if by_text {
         for (k, cells) in grid.iter_mut().enumerate() {
             along(radial, spare, speed_of(k));
-            smoothed_into(&mut radial.sum, cells);
+            joined_into(&radial.sum, cells);
+        }
+    } else {
+        for branch in 0..BRANCHES.min(model.branches()) {
+            radial.clear();
+            for (offset_s, cepstrum) in frames() {
+                let mut y = [0f32; QUEFRENCIES];
+                y.iter_mut().zip(cepstrum).for_each(|(y, c)| *y = c);
+                model.branch_log_ratio(branch, &y, &mut radial.sum);
+                store(radial, spare, offset_s);
+            }
+            for (k, cells) in grid.iter_mut().enumerate() {
+                along(radial, spare, speed_of(k));
+                smoothed_into(&mut radial.sum, cells);
+            }
         }
     }
-    if radial.frames() > 0 { detect(grid, model.max_range_m()) } else { silent() }
+    if radial.frames() > 0 { detect(grid, model.max_range_m(), by_text) } else { silent() }
 }
 
 /// Rows of the spare memory.
@@ -100,6 +126,15 @@ fn along(radial: &mut RadialScratch, spare: &Spare, speed_m_s: f32) {
     }
 }
 
+/// Writes the logarithm of the mean ratio of a cell's two model ranges to its place in the grid.
+fn joined_into(g: &[f32; MODEL_RANGES], cells: &mut [i16; RANGE_CELLS]) {
+    for (cell, [a, b]) in cells.iter_mut().zip(g.as_chunks::<2>().0) {
+        let (most, least) = (a.max(*b), a.min(*b));
+        let both = 0.5 * (1.0 + math::f32::exp((least - most).max(-80.0)));
+        *cell = coded(most + math::f32::ln(both));
+    }
+}
+
 /// Adds `ln(w * exp G)` in the middle of each cell to its place in the grid; `g` is used up.
 fn smoothed_into(g: &mut [f32; MODEL_RANGES], cells: &mut [i16; RANGE_CELLS]) {
     let top = g.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
@@ -132,26 +167,31 @@ fn silent() -> RangePresence {
     RangePresence { log_odds: -12.0, log_evidence: 0.0, approaching: 0.5, modes: [None; RANGE_MODES] }
 }
 
-/// Presence and the place of greatest likelihood.
-fn detect(grid: &Grid, max_range_m: f32) -> RangePresence {
+/// Presence, and the place of greatest likelihood, or of greatest posterior.
+fn detect(grid: &Grid, max_range_m: f32, by_posterior: bool) -> RangePresence {
     let cells = grid.iter().enumerate().flat_map(|(k, row)| {
         row.iter()
             .enumerate()
             .map(move |(i, l)| (k, i, f32::from(*l) * GRID_UNIT))
             .filter(move |(_, i, _)| range_of(*i) <= max_range_m)
     });
-    let (k0, i0, top) =
-        cells.clone().fold((0, 0, f32::NEG_INFINITY), |best, x| if x.2 > best.2 { x } else { best });
+    // What is weighed, not normalised: the likelihood, or it with the prior.
+    let prior = |i: usize| if by_posterior { range_of(i) } else { 1.0 };
+    let weighed = |i: usize, l: f32| if by_posterior { l + math::f32::ln(range_of(i)) } else { l };
+    let (k0, i0, support, top) = cells.clone().fold((0, 0, 0.0, f32::NEG_INFINITY), |best, (k, i, l)| {
+        let weight = weighed(i, l);
+        if weight > best.3 { (k, i, l, weight) } else { best }
+    });
     if !top.is_finite() {
         return silent();
     }
-    let (mut plain, mut count, mut by_range, mut ranges, mut approaching) = (0f32, 0f32, 0f32, 0f32, 0f32);
+    let (mut all, mut priors, mut by_range, mut ranges, mut approaching) = (0f32, 0f32, 0f32, 0f32, 0f32);
     let (mut n, mut r, mut rr, mut v, mut vv) = (0f32, 0f32, 0f32, 0f32, 0f32);
     for (k, i, l) in cells {
-        let (p, range_m) = (math::f32::exp((l - top).max(-80.0)), range_of(i));
-        plain += p;
-        count += 1.0;
-        by_range += p * range_m;
+        let (p, range_m) = (math::f32::exp((weighed(i, l) - top).max(-80.0)), range_of(i));
+        all += p;
+        priors += prior(i);
+        by_range += p / prior(i) * range_m;
         ranges += range_m;
         if k < SPEEDS / 2 {
             approaching += p;
@@ -166,25 +206,26 @@ fn detect(grid: &Grid, max_range_m: f32) -> RangePresence {
         }
     }
     let (dr, dv) = (r / n, v / n);
-    // About the place of greatest likelihood, which is the estimate; the grid itself spreads by a twelfth of a step².
+    let log_odds = top + math::f32::ln(by_range / ranges);
+    // About the place that is told; the grid itself spreads by a twelfth of a step².
     let step = range_of(1) - range_of(0);
     let mode = RangeMode {
         range_m: range_of(i0),
         sd_range_m: math::f32::sqrt((rr / n - dr * dr).max(0.0) + dr * dr + step * step / 12.0),
         speed_m_s: speed_of(k0),
         sd_speed_m_s: math::f32::sqrt((vv / n - dv * dv).max(0.0) + dv * dv + 1.0 / 12.0),
-        weight: (n / plain).min(1.0),
-        support: top,
-        detected: top + math::f32::ln(by_range / ranges) > 0.0,
+        weight: (n / all).min(1.0),
+        support,
+        detected: log_odds > 0.0,
         tracked: false,
         sure: true,
     };
     RangePresence {
-        log_odds: top + math::f32::ln(by_range / ranges),
+        log_odds,
         log_evidence: math::f32::ln(
-            1.0 - DETECTION + DETECTION * math::f32::exp((top + math::f32::ln(plain / count)).min(20.0)),
+            1.0 - DETECTION + DETECTION * math::f32::exp((top + math::f32::ln(all / priors)).min(20.0)),
         ),
-        approaching: approaching / plain,
+        approaching: approaching / all,
         modes: core::array::from_fn(|m| (m == 0).then_some(mode)),
     }
 }
@@ -253,36 +294,40 @@ mod tests {
             .collect()
     }
 
-    fn run(frames: &[(f32, [f32; QUEFRENCIES])]) -> (RangePresence, Box<Grid>) {
+    fn run(choices: Compatibility, frames: &[(f32, [f32; QUEFRENCIES])]) -> (RangePresence, Box<Grid>) {
         let (table, mut radial) = (table(), Box::new(RadialScratch::new()));
         let model = Interference::new(&Table::parse(&table).unwrap());
         let mut spare = Box::new([[7u16; RANGE_CELLS]; SPEEDS]);
-        let mut grid = Box::new([[0; RANGE_CELLS]; SPEEDS]);
+        let mut shared = Box::new(Shared::new());
         let input = frames.iter().map(|(t, c)| (*t, c.iter().copied()));
-        let out = window(&model, &mut radial, &mut spare, &mut grid, input);
-        (out, grid)
+        let out = window(choices, &model, &mut radial, &mut spare, &mut shared, input);
+        (out, Box::new(*shared.grid()))
     }
 
-    /// The formulas written out: [O 18, 19] at one cell.
-    fn formula(frames: &[(f32, [f32; QUEFRENCIES])], i: usize, speed_m_s: f64) -> f64 {
-        let g = |b: usize, j: isize, c: &[f32; QUEFRENCIES]| {
+    /// The log ratio [O 19] of a model that is the sum of some branches, along a radial speed from model range `j`.
+    fn log_ratio(frames: &[(f32, [f32; QUEFRENCIES])], of: &[usize], j: isize, speed_m_s: f64) -> f64 {
+        let g = |j: isize, c: &[f32; QUEFRENCIES]| {
             let range_m = 70.0 * j as f64;
             let terms = c.iter().enumerate().map(|(k, c)| {
-                let (mu, sd) = (mu(b, range_m, k as f64 / 50.0), f64::from(noise_sd(k)));
-                mu / (sd * sd) * (f64::from(*c) - 0.5 * mu)
+                let all = of.iter().map(|b| mu(*b, range_m, k as f64 / 50.0)).sum::<f64>();
+                let sd = f64::from(noise_sd(k));
+                all / (sd * sd) * (f64::from(*c) - 0.5 * all)
             });
             terms.sum::<f64>()
         };
-        let sum = |b: usize, j: isize| {
-            let along = frames.iter().map(|(t, c)| {
-                let shift = speed_m_s * f64::from(*t) / 70.0;
-                let whole = m::floor(shift);
-                let w = cubic((shift - whole) as f32);
-                let reads = (0..4).map(|k| f64::from(w[k as usize]) * g(b, j + whole as isize - 1 + k, c));
-                reads.sum::<f64>()
-            });
-            along.sum::<f64>()
-        };
+        let along = frames.iter().map(|(t, c)| {
+            let shift = speed_m_s * f64::from(*t) / 70.0;
+            let whole = m::floor(shift);
+            let w = cubic((shift - whole) as f32);
+            let reads = (0..4).map(|k| f64::from(w[k as usize]) * g(j + whole as isize - 1 + k, c));
+            reads.sum::<f64>()
+        });
+        along.sum::<f64>()
+    }
+
+    /// The programme's likelihood at one cell, written out.
+    fn programme(frames: &[(f32, [f32; QUEFRENCIES])], i: usize, speed_m_s: f64) -> f64 {
+        let sum = |b: usize, j: isize| log_ratio(frames, &[b], j, speed_m_s);
         let smoothed = |j: isize, all: &[f64], from: isize| {
             let weight = |d: isize| m::exp(-0.125 * (d * d) as f64);
             let norm: f64 = (-8..=8).map(weight).sum();
@@ -297,26 +342,53 @@ mod tests {
         one(0) + one(1)
     }
 
+    /// The text's [O 18, 19].
+    fn text(frames: &[(f32, [f32; QUEFRENCIES])], i: usize, speed_m_s: f64) -> f64 {
+        let at = |j: usize| m::exp(log_ratio(frames, &[0, 1], j as isize, speed_m_s));
+        m::ln(0.5 * (at(2 * i) + at(2 * i + 1)))
+    }
+
     #[test]
-    fn the_grid_is_the_paper_s_formula() {
+    fn the_grid_is_the_formula() {
+        type Formula = fn(&[(f32, [f32; QUEFRENCIES])], usize, f64) -> f64;
         let frames = frames(1.0);
-        let (_, grid) = run(&frames);
-        for (i, k) in [(150, 19), (150, 13), (151, 19), (100, 5), (260, 25), (60, 0)] {
-            let have = f64::from(f32::from(grid[k][i]) * GRID_UNIT);
-            let want = formula(&frames, i, f64::from(speed_of(k)));
-            assert!((have - want).abs() < 0.15 + 0.02 * want.abs(), "{i} {k}: {have} {want}");
+        let both: [(_, Formula); 2] = [(Compatibility::Programme, programme), (Compatibility::Paper, text)];
+        for (choices, formula) in both {
+            let (_, grid) = run(choices, &frames);
+            for (i, k) in [(150, 19), (150, 13), (151, 19), (100, 5), (260, 25), (60, 0)] {
+                let have = f64::from(f32::from(grid[k][i]) * GRID_UNIT);
+                let want = formula(&frames, i, f64::from(speed_of(k)));
+                assert!((have - want).abs() < 0.15 + 0.02 * want.abs(), "{choices:?} {i} {k}: {have} {want}");
+            }
         }
     }
 
     #[test]
     fn a_vessel_is_found_and_noise_is_not() {
-        let (seen, _) = run(&frames(1.0));
-        let mode = seen.modes[0].unwrap();
-        assert!(seen.log_odds > 10.0, "{seen:?}");
-        assert!((mode.range_m - 21_000.0).abs() < 300.0 && (mode.speed_m_s - 6.0).abs() <= 1.0, "{mode:?}");
-        assert!(mode.sd_range_m > 40.0 && seen.approaching < 0.1 && seen.modes[1].is_none());
-        let (quiet, _) = run(&frames(0.0));
-        assert!(quiet.log_odds < 0.0, "{quiet:?}");
-        assert_eq!(run(&[]).0.modes, [None; RANGE_MODES]);
+        for choices in [Compatibility::Programme, Compatibility::Paper] {
+            let (seen, _) = run(choices, &frames(1.0));
+            let mode = seen.modes[0].unwrap();
+            assert!(seen.log_odds > 10.0, "{seen:?}");
+            assert!(
+                (mode.range_m - 21_000.0).abs() < 300.0 && (mode.speed_m_s - 6.0).abs() <= 1.0,
+                "{mode:?}"
+            );
+            assert!(mode.sd_range_m > 40.0 && seen.approaching < 0.1 && seen.modes[1].is_none());
+            let (quiet, _) = run(choices, &frames(0.0));
+            assert!(quiet.log_odds < 0.0, "{quiet:?}");
+            assert_eq!(run(choices, &[]).0.modes, [None; RANGE_MODES]);
+        }
+    }
+
+    #[test]
+    fn what_is_told_is_the_greatest_likelihood_or_the_greatest_posterior() {
+        // As likely at 7 km as at 42 km, but for a unit of the grid: six times the prior.
+        let mut grid = Box::new([[-2000; RANGE_CELLS]; SPEEDS]);
+        (grid[10][50], grid[10][300]) = (321, 320);
+        let told = |by_posterior| detect(&grid, 50_000.0, by_posterior).modes[0].unwrap();
+        assert_eq!([told(false), told(true)].map(|m| m.range_m), [range_of(50), range_of(300)]);
+        assert_eq!([told(false), told(true)].map(|m| m.support), [321.0 * GRID_UNIT, 320.0 * GRID_UNIT]);
+        let both = [false, true].map(|by_posterior| detect(&grid, 50_000.0, by_posterior).log_odds);
+        assert!((both[0] - both[1]).abs() < 1e-3, "the same detection: {both:?}");
     }
 }

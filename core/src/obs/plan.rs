@@ -15,7 +15,7 @@ use super::moments::BandPass;
 use super::table::{Table, TableError};
 use super::travel::TravelTime;
 use crate::angle::RAD_PER_DEG;
-use crate::config::{ConfigError, Kind, StationConfig};
+use crate::config::{Compatibility, ConfigError, Kind, StationConfig};
 use crate::density::Scale;
 use crate::intake;
 use crate::math;
@@ -84,6 +84,8 @@ pub struct Plan<'t> {
     pub(super) scale: Scale,
     /// Levels sent unasked.
     pub(super) slow: slow_levels::Plan,
+    /// Whose choices, and whether they are not ours.
+    pub(super) choices: Compatibility,
     pub(super) paper: bool,
     /// Whether azigrams are sent.
     pub(super) azigram: bool,
@@ -112,6 +114,7 @@ impl<'t> Plan<'t> {
         full_scale: 0.0,
         scale: Scale::EMPTY,
         slow: slow_levels::Plan::EMPTY,
+        choices: Compatibility::None,
         paper: false,
         azigram: false,
         tones: WrappedCauchy { paper: false },
@@ -158,6 +161,7 @@ impl<'t> Plan<'t> {
         if table.rate_hz() != inner_rate_hz as f32 {
             return Err(PlanError::TableRate(table.rate_hz(), inner_rate_hz));
         }
+        let paper = obs.compatibility != Compatibility::None;
         let away = if obs.intensity_towards { 0.0 } else { math::f64::PI };
         self.intake = intake::Plan::new(rate_hz, NEEDED, (HOP * factor / BRIDGED) as u32);
         self.rate_hz = rate_hz;
@@ -167,7 +171,7 @@ impl<'t> Plan<'t> {
             first_bin,
             bins: (last_bin - first_bin + 1).min(AZIMUTH_BINS),
             turn: crate::angle::wrap_tau(obs.orientation_of_north_deg * RAD_PER_DEG + away) as f32,
-            paper: obs.paper_compatibility,
+            paper,
         };
         self.clip = config.full_scale.saturating_sub(1);
         self.full_scale = config.full_scale as f32;
@@ -179,14 +183,15 @@ impl<'t> Plan<'t> {
             high: HOP as u16,
         };
         self.slow = slow_levels::Plan::new(config, self.scale);
-        self.paper = obs.paper_compatibility;
+        self.choices = obs.compatibility;
+        self.paper = paper;
         self.azigram = obs.azigram;
-        self.tones = WrappedCauchy { paper: obs.paper_compatibility };
+        self.tones = WrappedCauchy { paper };
         self.calls.fill(inner_rate_hz);
         self.moments = BandPass::new(rate_hz as f32);
         self.towards = obs.intensity_towards;
         self.interference = Interference::new(table);
-        self.travel.fill(table, obs.paper_compatibility);
+        self.travel.fill(table, paper);
         let straight_up_s = table.travel_times_s().next().unwrap_or_default();
         self.onset_block = first_motion::block(rate_hz, straight_up_s);
         let water_m = f64::from(straight_up_s) * config.sound_speed_m_s;

@@ -457,7 +457,7 @@ impl State {
         let alone = vessels.next().filter(|vessel| vessel.established && vessels.next().is_none());
         let mut ranges = if plan.paper {
             let window = frames().filter(|(t, _)| math::f32::abs(*t) <= HALF_WINDOW_S as f32);
-            paper::window(&plan.interference, radial, self.presence.lend(), shared.grid(), window)
+            paper::window(plan.choices, &plan.interference, radial, self.presence.lend(), shared, window)
         } else {
             self.presence.predict(shared.columns());
             self.presence.claim(&plan.interference, &expected);

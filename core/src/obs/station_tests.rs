@@ -28,7 +28,7 @@ pub(crate) fn config(rate_hz: f64) -> StationConfig {
         kind: Kind::Obs(ObsConfig {
             orientation_of_north_deg: 77.0,
             intensity_towards: false,
-            paper_compatibility: false,
+            compatibility: Default::default(),
             azigram: true,
         }),
         tracking: Tracking::default(),

@@ -20,6 +20,9 @@ const SHORTEST_DELAY_S: f32 = 0.25;
 /// Speed of sound beyond the table, m/s.
 const BEYOND_M_S: f32 = 1500.0;
 
+/// Widths of the pulse within half the kernel, at least: it is cut where less than a two-thousandth of it is left.
+const LEAST_WIDTHS: f32 = 2.8;
+
 /// One interference against range. All slices have the table's number of ranges; NaN = no such branch.
 #[derive(Clone, Copy, Debug)]
 pub struct BranchColumns<'a> {
@@ -109,7 +112,7 @@ impl Source<'_> {
         {
             return Err(TableError::Value);
         }
-        let widest = HALF as f32 / 3.0 / self.rate_hz;
+        let widest = HALF as f32 / LEAST_WIDTHS / self.rate_hz;
         if h.width_s > widest { Err(TableError::Width(h.width_s, widest)) } else { Ok(()) }
     }
 

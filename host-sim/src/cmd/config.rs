@@ -12,7 +12,7 @@ use crate::record::finite;
 use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::array::{FRAME, Plan, limit};
-use seabearing_core::config::{ArrayConfig, Kind, LineConfig, ObsConfig, StationConfig};
+use seabearing_core::config::{ArrayConfig, Compatibility, Kind, LineConfig, ObsConfig, StationConfig};
 use seabearing_core::geometry::PAIRS;
 use seabearing_host::toml_file::TomlFile;
 use serde_json::{Value, json};
@@ -322,7 +322,11 @@ fn obs_details(station: &Station, obs: &ObsConfig) -> Result<Value> {
     let mut details = json!({
         "kind": "obs", "orientation_of_north_deg": obs.orientation_of_north_deg,
         "intensity": if obs.intensity_towards { "towards" } else { "away" },
-        "compatibility": if obs.paper_compatibility { "paper" } else { "none" },
+        "compatibility": match obs.compatibility {
+            Compatibility::None => "none",
+            Compatibility::Paper => "paper",
+            Compatibility::Programme => "programme",
+        },
         "azigram": obs.azigram,
         "ambiguity": "none in azimuth; range by its propagation table",
         "propagation": station.propagation.as_ref().map(|p| p.display().to_string()),

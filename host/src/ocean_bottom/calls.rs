@@ -290,7 +290,7 @@ mod tests {
             level_db: *level_db,
         };
         let scenario = ObsScenario { fin_whale: whales.iter().map(whale).collect(), ..scenario };
-        let config = StationConfig { doubts, ..station::config(&scenario, false).unwrap() };
+        let config = StationConfig { doubts, ..station::config(&scenario).unwrap() };
         let mut simulator = Simulator::new(scenario, sea.clone(), Vec::new()).unwrap();
         calls(&mut simulator, &config, told).unwrap()
     }
@@ -331,7 +331,7 @@ mod tests {
             level_db: 14.0,
         };
         scenario.blue_whale = vec![whale(63.0)];
-        let config = station::config(&scenario, false).unwrap();
+        let config = station::config(&scenario).unwrap();
         let mut simulator = Simulator::new(scenario.clone(), table.clone(), Vec::new()).unwrap();
         let found = calls(&mut simulator, &config, &table).unwrap().calls;
         assert!(found.len() >= 8 && found.iter().all(|c| c.kind == "blue"), "{found:?}");

@@ -147,7 +147,7 @@ mod tests {
             let quiet = "kind = \"obs\"\nseed = 1\nduration_s = 10800.0\npropagation = \"t\"\n";
             let scenario: ObsScenario = toml::from_str(quiet).unwrap();
             let scenario = ObsScenario { vessels, seed, ..scenario };
-            let config = station::config(&scenario, false).unwrap();
+            let config = station::config(&scenario).unwrap();
             let mut simulator = Simulator::new(scenario, table.clone(), Vec::new()).unwrap();
             Envelopes::of(&frames(&mut simulator, &config).unwrap())
         };

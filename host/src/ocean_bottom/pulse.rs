@@ -18,7 +18,7 @@ use std::f64::consts::TAU;
 /// Quefrencies looked at on either side of a delay: 0.16 s, beyond which the widest pulse is over.
 const REACH: usize = 8;
 
-/// Widest pulse that the recorder's table holds, s (10 quefrencies are three widths).
+/// Widest pulse that is looked at, s (half the recorder's kernel, 10 quefrencies, is three widths).
 pub const WIDEST_S: f64 = 0.0666;
 /// Narrowest that is looked at, s: below two quefrencies.
 const NARROWEST_S: f64 = 0.015;

@@ -1,6 +1,6 @@
 //! The core's chain over a recording: what the recorder would say, as messages.
 
-use super::table::blob;
+use super::table;
 use crate::propagation::Propagation;
 use crate::recording::BlockSource;
 use anyhow::{Result, anyhow};
@@ -14,11 +14,11 @@ use seabearing_core::wire::Message;
 /// The table or the configuration does not fit the core, or the source is lost.
 pub fn run(
     config: &StationConfig,
-    table: &Propagation,
+    propagation: &Propagation,
     source: &mut dyn BlockSource,
     said: &mut dyn FnMut(Message),
 ) -> Result<()> {
-    let bytes = blob(table, &table.name, config.rate_hz)?;
+    let bytes = table::of(config, propagation, &propagation.name)?;
     let view = Table::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
     let plan = Box::new(Plan::new(config, &view).map_err(|e| anyhow!("{e}"))?);
     let (mut state, mut scratch) = (Box::new(State::new()), Box::new(Scratch::new()));

@@ -6,9 +6,8 @@ use anyhow::Result;
 use seabearing_core::config::StationConfig;
 use std::fmt::Write as _;
 
-/// The station file of a scenario, that which it names or one of what it states; `table` is the propagation table's name beside it, `paper` asks for the paper's
-/// own choices.
-pub fn text(scenario: &ObsScenario, table: &str, paper: bool) -> String {
+/// The station file of a scenario, that which it names or one of what it states; `table` is the propagation table's name beside it.
+pub fn text(scenario: &ObsScenario, table: &str) -> String {
     if let Some(file) = &scenario.station_file {
         return file.source.text_with("obs", "propagation", &format!("{table:?}"));
     }
@@ -26,9 +25,6 @@ pub fn text(scenario: &ObsScenario, table: &str, paper: bool) -> String {
          orientation_of_north_deg = {:?}\nintensity = {:?}\npropagation = {table:?}\n",
         scenario.rate_hz, scenario.orientation_of_north_deg, scenario.intensity
     );
-    if paper {
-        out += "compatibility = \"paper\"\n";
-    }
     out
 }
 
@@ -36,7 +32,6 @@ pub fn text(scenario: &ObsScenario, table: &str, paper: bool) -> String {
 ///
 /// # Errors
 /// A value of the scenario that a station may not have.
-pub fn config(scenario: &ObsScenario, paper: bool) -> Result<StationConfig> {
-    Ok(Station::parse(&text(scenario, "table.toml", paper), "station.toml", std::path::Path::new("."))?
-        .config)
+pub fn config(scenario: &ObsScenario) -> Result<StationConfig> {
+    Ok(Station::parse(&text(scenario, "table.toml"), "station.toml", std::path::Path::new("."))?.config)
 }

@@ -3,9 +3,11 @@
 use crate::propagation::{Propagation, file};
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
+use seabearing_core::config::{Compatibility, Kind, StationConfig};
 use seabearing_core::obs::decimate::inner_rate_hz;
 use seabearing_core::obs::table::{MAX_BRANCHES, blob_bytes};
 use seabearing_core::obs::table_encode::{BranchColumns, Header, encode};
+use std::f64::consts::SQRT_2;
 
 /// The farthest range the core's radial detector looks at, m [O 18, 19].
 const NEEDED_M: f64 = 50_050.0;
@@ -19,7 +21,16 @@ const STRONGEST: f64 = 1.0;
 /// The table cannot be read or used.
 pub fn of_station(station: &Station) -> Result<Option<Vec<u8>>> {
     let Some(path) = &station.propagation else { return Ok(None) };
-    blob(&file::read(path)?, &path.display().to_string(), station.config.rate_hz).map(Some)
+    of(&station.config, &file::read(path)?, &path.display().to_string()).map(Some)
+}
+
+/// The same of a table at hand; `name` stands in messages.
+///
+/// # Errors
+/// As [`blob`].
+pub fn of(config: &StationConfig, table: &Propagation, name: &str) -> Result<Vec<u8>> {
+    let printed = matches!(&config.kind, Kind::Obs(obs) if obs.compatibility == Compatibility::Paper);
+    bytes(table, name, config.rate_hz, if printed { Pulse::Printed } else { Pulse::OfTable })
 }
 
 /// The core's bytes of a table for a recording at `rate_hz`; `name` stands in messages. Branches beyond the core's
@@ -28,12 +39,33 @@ pub fn of_station(station: &Station) -> Result<Option<Vec<u8>>> {
 /// # Errors
 /// The table does not cover `NEEDED_M`, its f0 is beyond half the recorder's rate, or it holds what the core refuses.
 pub fn blob(table: &Propagation, name: &str, rate_hz: f64) -> Result<Vec<u8>> {
+    bytes(table, name, rate_hz, Pulse::OfTable)
+}
+
+/// The pulse that a branch draws in the cepstrum at quefrency q.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Pulse {
+    /// `cos(2π f₀ (q − τ) − φ) exp(−(q − τ)²/Δτ²)` of the table's f₀.
+    OfTable,
+    /// As paper O prints it: `cos(2π q f₀ − φ) exp(−(q − τ)²/2Δτ²)`, f₀ 15 Hz [O 17]. φ is read as all by which the two paths differ in phase at
+    /// f₀, the delay's own part with it: `2π f₀ τ` more than the table's.
+    Printed,
+}
+
+/// Centre frequency of the paper's pulse, Hz [O 17].
+const PRINTED_F0_HZ: f64 = 15.0;
+
+fn bytes(table: &Propagation, name: &str, rate_hz: f64, pulse: Pulse) -> Result<Vec<u8>> {
     file::covers(table, NEEDED_M, name)?;
     let nyquist_hz = 0.5 * inner_rate_hz(rate_hz);
-    if table.f0_hz >= nyquist_hz {
+    let (f0_hz, width_s) = match pulse {
+        Pulse::OfTable => (table.f0_hz, table.width_s),
+        Pulse::Printed => (PRINTED_F0_HZ, SQRT_2 * table.width_s),
+    };
+    if f0_hz >= nyquist_hz {
         bail!(
             "{name}: f0_hz is {}; the station works at {} samples a second, which hold frequencies below {nyquist_hz} Hz",
-            table.f0_hz,
+            f0_hz,
             2.0 * nyquist_hz
         );
     }
@@ -55,8 +87,7 @@ pub fn blob(table: &Propagation, name: &str, rate_hz: f64) -> Result<Vec<u8>> {
         .collect();
     let views: Vec<BranchColumns<'_>> =
         columns.iter().map(|[d, p, s]| BranchColumns { delay_s: d, phase_rad: p, strength: s }).collect();
-    let header =
-        Header { step_m: table.step_m as f32, f0_hz: table.f0_hz as f32, width_s: table.width_s as f32 };
+    let header = Header { step_m: table.step_m as f32, f0_hz: f0_hz as f32, width_s: width_s as f32 };
     let mut out = vec![0; blob_bytes(branches)];
     let n = encode(&header, inner_rate_hz(rate_hz) as f32, &travel, &views, &mut out)
         .map_err(|e| anyhow::anyhow!("{e}"))
@@ -89,6 +120,16 @@ mod tests {
         let high = Propagation { f0_hz: 30.0, ..table.clone() };
         let said = blob(&high, "t.toml", 200.0).unwrap_err().to_string();
         assert!(said.contains("f0_hz") && said.contains("25 Hz"), "{said}");
+        // As the paper prints the pulse: another carrier and a wider one.
+        const STATION: &str =
+            "[station]\nid = 1\nname = \"t\"\nkind = \"obs\"\n[sampling]\nrate_hz = 50.0\n[obs]\n";
+        let mut config = Station::parse(STATION, "t", std::path::Path::new(".")).unwrap().config;
+        assert_eq!(of(&config, &table, "t").unwrap(), blob(&table, "t", 50.0).unwrap());
+        if let Kind::Obs(obs) = &mut config.kind {
+            obs.compatibility = Compatibility::Paper;
+        }
+        let wider = Propagation { f0_hz: 15.0, width_s: table.width_s * SQRT_2, ..table.clone() };
+        assert_eq!(of(&config, &table, "t").unwrap(), blob(&wider, "t", 50.0).unwrap());
         let short = trace::trace("t", &profile, &Bottom::default(), 700.0, 50, || ());
         assert!(blob(&short, "t.toml", 50.0).unwrap_err().to_string().contains("t.toml"));
     }

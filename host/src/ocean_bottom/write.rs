@@ -119,7 +119,7 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
     let [truth_csv, tracks_csv, station_file, table_file] =
         ["truth.csv", "tracks.csv", "station.toml", "table.toml"].map(|name| folder.join(name));
     file::write(simulator.table(), &table_file)?;
-    atomic::write(&station_file, station::text(&scenario, "table.toml", false).as_bytes())?;
+    atomic::write(&station_file, station::text(&scenario, "table.toml").as_bytes())?;
     atomic::write(&truth_csv, truth(simulator).as_bytes())?;
     atomic::write(&tracks_csv, tracks(&simulator.vessels).as_bytes())?;
     Ok(Written {

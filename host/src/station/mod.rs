@@ -21,8 +21,8 @@ use anyhow::{Result, anyhow, bail};
 use response::Response;
 use seabearing_core::array::{self, PlanError};
 use seabearing_core::config::{
-    ArrayConfig, Clips, ConfigError, Doubts, Kind, Levels, LineConfig, ObsConfig, Schedule, StationConfig,
-    Tracking,
+    ArrayConfig, Clips, Compatibility, ConfigError, Doubts, Kind, Levels, LineConfig, ObsConfig, Schedule,
+    StationConfig, Tracking,
 };
 use seabearing_core::demon::{SpeedCurve, VESSEL_SPEEDS_M_S};
 use seabearing_locate::line::{MAX_FREQUENCIES, MusicMethod};
@@ -222,12 +222,13 @@ impl Station {
                         "towards" => true,
                         other => bail!("{}: intensity = \"{other}\"; away or towards", here("obs.intensity")),
                     },
-                    paper_compatibility: match o.compatibility.as_deref() {
-                        None => false,
-                        Some("paper") => true,
+                    compatibility: match o.compatibility.as_deref() {
+                        None => Compatibility::None,
+                        Some("paper") => Compatibility::Paper,
+                        Some("programme") => Compatibility::Programme,
                         Some(other) => {
                             bail!(
-                                "{}: compatibility = \"{other}\"; only \"paper\"",
+                                "{}: compatibility = \"{other}\"; paper or programme",
                                 here("obs.compatibility")
                             )
                         }

@@ -217,7 +217,7 @@ pub(super) struct Obs {
     pub(super) intensity: String,
     /// Propagation table (`seabearing propagation`), from the station file's folder; the recorder needs it.
     pub(super) propagation: Option<PathBuf>,
-    /// `paper`: the method as the paper's authors' programme runs it, for comparison; which choices are the paper's text and which the programme's stands in the manual of the ocean bottom.
+    /// `paper`: the method as the text of paper O has it; `programme`: as its authors' programme runs it; both for comparison. What either chooses stands in the manual of the ocean bottom.
     pub(super) compatibility: Option<String>,
     /// Whether directions by frequency leave once a minute (`azigram`): 70 bytes, about as many as all else when little goes on; left out while several vessels take the line's 200 bytes a minute.
     #[serde(default = "default_azigram")]

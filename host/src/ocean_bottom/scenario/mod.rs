@@ -445,7 +445,7 @@ mod tests {
         assert_eq!((s.name.as_str(), s.rate_hz, s.orientation_of_north_deg), ("DEEPO", 50.0, 30.0));
         assert_eq!((s.intensity.as_str(), s.lat_lon_deg), ("towards", Some([1.0, 2.0])));
         assert_eq!((s.propagation.clone(), s.codes()[0].as_str()), (dir.path().join("t.toml"), "EDH"));
-        let written = crate::ocean_bottom::station::text(&s, "table.toml", false);
+        let written = crate::ocean_bottom::station::text(&s, "table.toml");
         assert_eq!(written, station.replace("t.toml", "table.toml"));
         let e = read(&format!("rate_hz = 50.0\n{text}")).unwrap_err().to_string();
         assert!(e.contains("line 1, ") && e.contains("`rate_hz` stands in the station file"), "{e}");
