@@ -3,9 +3,15 @@
 use crate::process::{host, run, say};
 use crate::root;
 use anyhow::{Result, bail};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// What was simulated by this task: steps read it that run beside each other.
+static SIMULATED: Mutex<BTreeMap<String, Recording>> = Mutex::new(BTreeMap::new());
 
 /// A simulated recording: its station file and its files in order of name.
+#[derive(Clone)]
 pub struct Recording {
     /// The station file.
     pub station: PathBuf,
@@ -13,12 +19,19 @@ pub struct Recording {
     pub files: Vec<PathBuf>,
 }
 
-/// Simulates `scenarios/NAME.toml` into `target/scenarios/NAME`.
+/// Simulates `scenarios/NAME.toml` into `target/scenarios/NAME`, once.
 pub fn simulate(name: &str) -> Result<Recording> {
+    let mut simulated = SIMULATED.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(recording) = simulated.get(name) {
+        return Ok(recording.clone());
+    }
     if name.starts_with("ocean-bottom") {
         trace_table()?;
     }
-    record(&root().join(format!("scenarios/{name}.toml")), &root().join("target/scenarios").join(name))
+    let folder = root().join("target/scenarios").join(name);
+    let recording = record(&root().join(format!("scenarios/{name}.toml")), &folder)?;
+    simulated.insert(name.to_owned(), recording.clone());
+    Ok(recording)
 }
 
 /// The demo's pass as a station hears it whose file differs from the demo's in these words.

@@ -10,30 +10,32 @@ use anyhow::{Context, Result, bail};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Runs steps and counts them; a failed step does not keep the others from running.
 struct Suite {
-    passed: usize,
-    failed: Vec<&'static str>,
+    /// Steps that have ended: their names, and whether they passed.
+    ended: Mutex<Vec<(&'static str, bool)>>,
     /// Where tests that do nothing say so (the variable is read by the tests' kit).
     skipped: PathBuf,
 }
 
 impl Suite {
-    fn step(&mut self, name: &'static str, work: impl FnOnce() -> Result<()>) {
+    /// None has ended.
+    fn new() -> Result<Self> {
+        Ok(Self { ended: Mutex::default(), skipped: register()? })
+    }
+
+    fn step(&self, name: &'static str, work: impl FnOnce() -> Result<()>) {
         say(&format!("== {name}"));
         let begun = Instant::now();
-        match work() {
-            Ok(()) => {
-                say(&format!("ok: {name} ({:.0} s)", begun.elapsed().as_secs_f64()));
-                self.passed += 1;
-            }
-            Err(error) => {
-                say(&format!("FAILED: {name}: {error:#}"));
-                self.failed.push(name);
-            }
+        let outcome = work();
+        match &outcome {
+            Ok(()) => say(&format!("ok: {name} ({:.0} s)", begun.elapsed().as_secs_f64())),
+            Err(error) => say(&format!("FAILED: {name}: {error:#}")),
         }
+        self.ended.lock().unwrap_or_else(PoisonError::into_inner).push((name, outcome.is_ok()));
     }
 
     /// Takes note of what cannot be done here.
@@ -59,11 +61,14 @@ impl Suite {
     fn close(self) -> Result<()> {
         let skipped = std::fs::read_to_string(&self.skipped).unwrap_or_default();
         skipped.lines().for_each(say);
-        for name in &self.failed {
+        let ended = self.ended.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let failed: Vec<_> = ended.iter().filter(|(_, passed)| !passed).map(|(name, _)| name).collect();
+        for name in &failed {
             say(&format!("failed: {name}"));
         }
-        println!("{} passed, {} failed, {} skipped", self.passed, self.failed.len(), skipped.lines().count());
-        if self.failed.is_empty() { Ok(()) } else { bail!("{} steps failed", self.failed.len()) }
+        let passed = ended.len() - failed.len();
+        println!("{passed} passed, {} failed, {} skipped", failed.len(), skipped.lines().count());
+        if failed.is_empty() { Ok(()) } else { bail!("{} steps failed", failed.len()) }
     }
 }
 
@@ -76,7 +81,7 @@ pub fn command(options: &[String]) -> Result<()> {
         ["--random", times] => return random(times),
         _ => bail!("test takes --host-only, --random N or nothing"),
     };
-    let mut suite = Suite { passed: 0, failed: Vec::new(), skipped: register()? };
+    let suite = Suite::new()?;
     let skipped = suite.skipped.clone();
     suite.step("the oldest compiler promised", || oldest(&skipped));
     // What is missing is found before the long part; the host's tests run all the same.
@@ -98,16 +103,30 @@ pub fn command(options: &[String]) -> Result<()> {
         use_what_the_tests_built();
         run(&mut tests, "cargo test")
     });
-    match python::missing() {
+    let python = || match python::missing() {
         None => suite.step("the Python package: tests, types, notebooks", || {
             python::check(python::Pages::Compared, built())
         }),
         Some(why) => suite.skip(&format!("the Python package: {why}")),
-    }
-    match toolchain {
-        Some(toolchain) => emulated(&mut suite, &toolchain),
-        None if host_only => say("--host-only: the firmware was not built, and nothing was emulated"),
-        None => say("without the set-up the firmware was not built, and nothing was emulated"),
+    };
+    match &toolchain {
+        Some(toolchain) => {
+            suite.step("firmware for the emulated board", || {
+                firmware::build(toolchain, &EMULATED).map(|_| ())
+            });
+            // Either side keeps one core busy, and neither waits for the clock.
+            std::thread::scope(|scope| {
+                scope.spawn(|| modelled(&suite, toolchain));
+                python();
+                twins(&suite);
+            });
+            emulated(&suite, toolchain);
+        }
+        None => {
+            python();
+            let why = if host_only { "--host-only" } else { "without the set-up" };
+            say(&format!("{why}: the firmware was not built, and nothing was emulated"));
+        }
     }
     suite.close()
 }
@@ -125,7 +144,7 @@ fn random(times: &str) -> Result<()> {
     if !times.parse::<u32>().is_ok_and(|n| (1..=1_000_000).contains(&n)) {
         bail!("--random {times}: how many times the usual number of cases, 1 to 1000000");
     }
-    let suite = Suite { passed: 0, failed: Vec::new(), skipped: register()? };
+    let suite = Suite::new()?;
     let ran = run(suite.tests(&["--workspace"]).env("SEABEARING_RANDOM", times), "cargo test");
     let cases =
         output(Path::new("git"), &["ls-files", "--others", "--modified", "--exclude-standard", "*.cases"]);
@@ -135,12 +154,25 @@ fn random(times: &str) -> Result<()> {
     ran
 }
 
-/// What needs the target's compiler and the emulator.
-fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
-    suite.step("firmware for the emulated board", || firmware::build(toolchain, &EMULATED).map(|_| ()));
+/// The emulated board beside the host.
+fn twins(suite: &Suite) {
     suite.step("twin: a pass of 200 s, byte for byte", || twin("demo"));
     suite.step("twin: gaps, dead and clipped channels, byte for byte", || twin("faults"));
     suite.step("twin: six hours at the ocean bottom, byte for byte", || twin("ocean-bottom"));
+}
+
+/// The images for hardware beside the host.
+fn modelled(suite: &Suite, toolchain: &Toolchain) {
+    suite.step("twin: the hardware image with its drivers on the modelled board, byte for byte", || {
+        hardware_twin(toolchain)
+    });
+    suite.step("twin: the ocean-bottom image with its drivers on the modelled board, byte for byte", || {
+        ocean_bottom_twin(toolchain)
+    });
+}
+
+/// What else needs the target's compiler and the emulator, and what both twins were built for.
+fn emulated(suite: &Suite, toolchain: &Toolchain) {
     let names = ["--workspace", "--test", "emulated_sample_line", "--test", "emulated_commands"];
     let mut tests = suite.tests(&names);
     tests.env("SEABEARING_EMULATED", "now");
@@ -152,12 +184,6 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     suite.step("the core's example, on the target as on the host", || example::check(toolchain));
     suite.step("panic freedom", || panic_free::check(toolchain));
     suite.step("budget of the target, as in the snapshot", || budget::check(toolchain));
-    suite.step("twin: the hardware image with its drivers on the modelled board, byte for byte", || {
-        hardware_twin(toolchain)
-    });
-    suite.step("twin: the ocean-bottom image with its drivers on the modelled board, byte for byte", || {
-        ocean_bottom_twin(toolchain)
-    });
     // The images of the steps before.
     let mut tests = rehearsal(suite);
     suite.step("the hardware images rehearsed: every fault named, no wrong record", || {
@@ -171,7 +197,7 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
 /// `cargo xtask rehearse`: the two steps about the image for hardware, alone; with `bless` the table is written anew.
 pub fn rehearse(bless: bool) -> Result<()> {
     let toolchain = Toolchain::find()?;
-    let suite = Suite { passed: 0, failed: Vec::new(), skipped: register()? };
+    let suite = Suite::new()?;
     firmware::build(&toolchain, &EMULATED)?;
     hardware_twin(&toolchain)?;
     ocean_bottom_twin(&toolchain)?;
