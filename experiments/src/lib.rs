@@ -47,6 +47,7 @@ mod obs_bad_samples;
 mod obs_checks;
 mod obs_core_clutter;
 mod obs_crowd;
+mod obs_day;
 mod obs_doubts;
 mod obs_far;
 mod obs_first_motion;
@@ -218,6 +219,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     ais_kinematics::EXPERIMENT,
     ais_match::EXPERIMENT,
     obs_one_ship::ONE_SHIP,
+    obs_day::DAY,
     obs_two_ships::TWO_SHIPS,
     obs_four_ships::FOUR_SHIPS,
     obs_crowd::CROWD,

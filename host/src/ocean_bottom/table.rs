@@ -1,6 +1,6 @@
 //! From a propagation table to the bytes the core reads ([`seabearing_core::obs::table`]).
 
-use crate::propagation::{Propagation, file};
+use crate::propagation::{F0_HZ, Propagation, WIDTH_S, file};
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
 use seabearing_core::config::{Compatibility, Kind, StationConfig};
@@ -29,8 +29,12 @@ pub fn of_station(station: &Station) -> Result<Option<Vec<u8>>> {
 /// # Errors
 /// As [`blob`].
 pub fn of(config: &StationConfig, table: &Propagation, name: &str) -> Result<Vec<u8>> {
-    let printed = matches!(&config.kind, Kind::Obs(obs) if obs.compatibility == Compatibility::Paper);
-    bytes(table, name, config.rate_hz, if printed { Pulse::Printed } else { Pulse::OfTable })
+    let model = match &config.kind {
+        Kind::Obs(obs) if obs.compatibility == Compatibility::Paper => Model::PAPER,
+        Kind::Obs(obs) if obs.compatibility == Compatibility::Programme => Model::PROGRAMME,
+        _ => Model::of(table),
+    };
+    bytes(table, name, config.rate_hz, &model)
 }
 
 /// The core's bytes of a table for a recording at `rate_hz`; `name` stands in messages. Branches beyond the core's
@@ -39,29 +43,34 @@ pub fn of(config: &StationConfig, table: &Propagation, name: &str) -> Result<Vec
 /// # Errors
 /// The table does not cover `NEEDED_M`, its f0 is beyond half the recorder's rate, or it holds what the core refuses.
 pub fn blob(table: &Propagation, name: &str, rate_hz: f64) -> Result<Vec<u8>> {
-    bytes(table, name, rate_hz, Pulse::OfTable)
+    bytes(table, name, rate_hz, &Model::of(table))
 }
 
-/// The pulse that a branch draws in the cepstrum at quefrency q.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Pulse {
-    /// `cos(2π f₀ (q − τ) − φ) exp(−(q − τ)²/Δτ²)` of the table's f₀.
-    OfTable,
+/// What vessels draw in the cepstrum at quefrency q: `cos(2π f₀ (q − τ) − φ) exp(−(q − τ)²/Δτ²)` of each branch.
+struct Model {
+    f0_hz: f64,
+    width_s: f64,
+    branches: usize,
+}
+
+impl Model {
+    /// Of the authors' programme; three branches [O Table II].
+    const PROGRAMME: Self = Self { f0_hz: F0_HZ, width_s: WIDTH_S, branches: 3 };
+
     /// As paper O prints it: `cos(2π q f₀ − φ) exp(−(q − τ)²/2Δτ²)`, f₀ 15 Hz [O 17]. φ is read as all by which the two paths differ in phase at
     /// f₀, the delay's own part with it: `2π f₀ τ` more than the table's.
-    Printed,
+    const PAPER: Self = Self { f0_hz: 15.0, width_s: SQRT_2 * WIDTH_S, branches: 3 };
+
+    /// As many branches as the core holds.
+    fn of(table: &Propagation) -> Self {
+        Self { f0_hz: table.f0_hz, width_s: table.width_s, branches: MAX_BRANCHES }
+    }
 }
 
-/// Centre frequency of the paper's pulse, Hz [O 17].
-const PRINTED_F0_HZ: f64 = 15.0;
-
-fn bytes(table: &Propagation, name: &str, rate_hz: f64, pulse: Pulse) -> Result<Vec<u8>> {
+fn bytes(table: &Propagation, name: &str, rate_hz: f64, model: &Model) -> Result<Vec<u8>> {
     file::covers(table, NEEDED_M, name)?;
     let nyquist_hz = 0.5 * inner_rate_hz(rate_hz);
-    let (f0_hz, width_s) = match pulse {
-        Pulse::OfTable => (table.f0_hz, table.width_s),
-        Pulse::Printed => (PRINTED_F0_HZ, SQRT_2 * table.width_s),
-    };
+    let Model { f0_hz, width_s, branches } = *model;
     if f0_hz >= nyquist_hz {
         bail!(
             "{name}: f0_hz is {}; the station works at {} samples a second, which hold frequencies below {nyquist_hz} Hz",
@@ -70,7 +79,7 @@ fn bytes(table: &Propagation, name: &str, rate_hz: f64, pulse: Pulse) -> Result<
         );
     }
     let rows = table.rows();
-    let branches = table.strengths.len().min(MAX_BRANCHES);
+    let branches = table.strengths.len().min(branches);
     let travel: Vec<f32> = (0..rows).map(|j| table.travel_time_s(j).map_or(f32::NAN, |t| t as f32)).collect();
     let columns: Vec<[Vec<f32>; 3]> = (0..branches)
         .map(|b| {
@@ -120,16 +129,22 @@ mod tests {
         let high = Propagation { f0_hz: 30.0, ..table.clone() };
         let said = blob(&high, "t.toml", 200.0).unwrap_err().to_string();
         assert!(said.contains("f0_hz") && said.contains("25 Hz"), "{said}");
-        // As the paper prints the pulse: another carrier and a wider one.
+        // Whatever the table's own pulse is.
         const STATION: &str =
             "[station]\nid = 1\nname = \"t\"\nkind = \"obs\"\n[sampling]\nrate_hz = 50.0\n[obs]\n";
         let mut config = Station::parse(STATION, "t", std::path::Path::new(".")).unwrap().config;
         assert_eq!(of(&config, &table, "t").unwrap(), blob(&table, "t", 50.0).unwrap());
-        if let Kind::Obs(obs) = &mut config.kind {
-            obs.compatibility = Compatibility::Paper;
+        let others =
+            [(Compatibility::Programme, F0_HZ, WIDTH_S), (Compatibility::Paper, 15.0, WIDTH_S * SQRT_2)];
+        for (compatibility, f0_hz, width_s) in others {
+            if let Kind::Obs(obs) = &mut config.kind {
+                obs.compatibility = compatibility;
+            }
+            let strengths = table.strengths[..3].to_vec();
+            let theirs = Propagation { f0_hz, width_s, strengths, ..table.clone() };
+            let fitted = Propagation { f0_hz: 14.0, width_s: 0.03, ..table.clone() };
+            assert_eq!(of(&config, &fitted, "t").unwrap(), blob(&theirs, "t", 50.0).unwrap());
         }
-        let wider = Propagation { f0_hz: 15.0, width_s: table.width_s * SQRT_2, ..table.clone() };
-        assert_eq!(of(&config, &table, "t").unwrap(), blob(&wider, "t", 50.0).unwrap());
         let short = trace::trace("t", &profile, &Bottom::default(), 700.0, 50, || ());
         assert!(blob(&short, "t.toml", 50.0).unwrap_err().to_string().contains("t.toml"));
     }
