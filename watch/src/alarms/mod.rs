@@ -36,6 +36,8 @@ const ROOM_AGAIN: f64 = 1.1;
 enum About {
     /// This base station itself.
     Base,
+    /// Its store, that takes nothing: the disk may be low as well.
+    Store,
     Vessel(VesselId),
     Station(u16),
     Channel(u16, u8),
@@ -70,8 +72,6 @@ pub struct Watcher {
     raised: BTreeMap<(usize, About), Raised>,
     held: BTreeMap<(usize, VesselId), Held>,
     newest_id: u64,
-    /// The store takes nothing.
-    fails: bool,
     /// What comes is of now.
     of_now: bool,
 }
@@ -109,7 +109,6 @@ impl Watcher {
             raised: BTreeMap::new(),
             held: BTreeMap::new(),
             newest_id: 0,
-            fails: false,
             of_now,
         }
     }
@@ -200,13 +199,12 @@ impl Watcher {
             "StoreTakes" => Some(Truth::over("the store takes records again")),
             _ => None,
         };
-        self.fails = if truth().is_some() { code == "StoreFails" } else { self.fails };
         let rules =
             (0..self.rules.len()).filter(|n| matches!(self.rules[*n].condition, Condition::Disk { .. }));
         rules
             .collect::<Vec<_>>()
             .into_iter()
-            .filter_map(|n| self.note(n, About::Base, truth()?, None, now_s))
+            .filter_map(|n| self.note(n, About::Store, truth()?, None, now_s))
             .collect()
     }
 
@@ -228,7 +226,7 @@ impl Watcher {
             let truth = if below(1.0) {
                 let text = format!("the disk of the store has {mb:.0} MB free, {percent:.1} % of it");
                 Truth::yes("DiskLow", text)
-            } else if below(ROOM_AGAIN) || self.fails {
+            } else if below(ROOM_AGAIN) {
                 Truth::unknown()
             } else {
                 Truth::over("there is room again")
@@ -362,7 +360,7 @@ impl Watcher {
         // The time in microseconds, so that no two are alike, of one run or of two.
         self.newest_id = (self.newest_id + 1).max((now_s * 1e6) as u64);
         let (station, vessel, channel) = match about {
-            About::Base => (None, None, None),
+            About::Base | About::Store => (None, None, None),
             About::Vessel(vessel) => (report.and_then(|r| r.station), Some(vessel), None),
             About::Station(station) => (Some(station), None, None),
             About::Channel(station, channel) => (Some(station), None, Some(channel)),

@@ -77,6 +77,7 @@ impl Watcher {
                 id: track as u16,
             })),
             (_, Some(channel)) => About::Channel(station, channel as u8),
+            _ if base && code == "StoreFails" => About::Store,
             _ if base => About::Base,
             _ => About::Station(station),
         };

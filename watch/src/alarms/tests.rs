@@ -282,9 +282,16 @@ fn a_store_that_takes_nothing_is_an_alarm_until_it_takes_records_again() {
     let said = watcher.take(&fails, 0.0);
     assert_eq!((states(&said), &said[0]["code"]), (vec!["raised"], &json!("StoreFails")));
     assert!(said[0]["text"].as_str().unwrap().contains("no space left"));
-    // Room alone does not say that it takes records.
+    // Room alone does not say that it takes records, and a disk that is low is an alarm of its own, before it or after.
     watcher.disk(50, 100, 1.0);
     assert!(watcher.tick(2.0).is_empty());
+    let codes = |said: &[Value]| said.iter().map(|r| r["code"].clone()).collect::<Vec<_>>();
+    let mut low = self::watcher("[[alarms]]\nkind = \"disk\"\n");
+    assert_eq!(codes(&low.disk(1, 100, 0.0)), ["DiskLow"]);
+    let both = [low.disk(1, 100, 0.0), low.take(&fails, 0.5)].concat();
+    assert_eq!((codes(&both), states(&both)), (vec![json!("StoreFails")], vec!["raised"]));
+    low.take(&json!({ "type": "note", "code": "StoreTakes" }), 1.0);
+    assert_eq!(codes(&low.tick(2.0)), ["StoreFails"]);
     // A base station that starts again goes on with it.
     let mut again = self::watcher("[[alarms]]\nkind = \"disk\"\n");
     again.resume(&said, 3.0);
