@@ -233,20 +233,23 @@ pub(super) mod tests {
         }
     }
 
+    /// Moments of a minute in which the instrument shakes along an axis and upwards, amplitudes over the noise's; none of it in pressure.
+    fn shaking(angle: f32, along: f32, up: f32) -> Moments {
+        let (s, c) = math::f32::sin_cos(angle);
+        let [n, e, z] = [along * c, along * s, up];
+        Moments {
+            power: [1.0, 1.0 + n * n, 1.0 + e * e, 1.0 + z * z],
+            with_pressure: [1.0, 0.0, 0.0, 0.0],
+            north_east: n * e,
+            with_vertical: [n * z, e * z],
+            instants: 3000,
+        }
+    }
+
     #[test]
     fn an_instrument_that_shakes_is_no_pressure() {
         // Along north, along east, and between, with a fifth of it upwards and none in pressure.
-        let shaking = |angle: f32| {
-            let (s, c) = math::f32::sin_cos(angle);
-            let [n, e, z] = [6.0 * c, 6.0 * s, 1.2];
-            Moments {
-                power: [1.0, 1.0 + n * n, 1.0 + e * e, 1.0 + z * z],
-                with_pressure: [1.0, 0.0, 0.0, 0.0],
-                north_east: n * e,
-                with_vertical: [n * z, e * z],
-                instants: 3000,
-            }
-        };
+        let shaking = |angle: f32| shaking(angle, 6.0, 1.2);
         for angles in [[0.0, 0.0], [0.0, 1.571], [0.785, 2.356], [0.0, 0.785]] {
             let mut misplaced = Misplaced::NONE;
             let told: Vec<bool> = (0..2000usize)
@@ -269,14 +272,8 @@ pub(super) mod tests {
             let minute = if tide >= 2 {
                 sound(0.0, 4.0, [0.05, 0.1])
             } else {
-                let [n, e, z] = [1.0, if tide == 0 { 1.0 } else { -1.0 }, 0.4];
-                Moments {
-                    power: [1.0, 1.0 + n * n, 1.0 + e * e, 1.0 + z * z],
-                    with_pressure: [1.0, 0.0, 0.0, 0.0],
-                    north_east: n * e,
-                    with_vertical: [n * z, e * z],
-                    instants: 3000,
-                }
+                let angle = core::f32::consts::FRAC_PI_4;
+                shaking(if tide == 0 { angle } else { -angle }, core::f32::consts::SQRT_2, 0.4)
             };
             misplaced.minute(&minute);
             assert!(!matches!(misplaced.pressure(), Pressure::Elsewhere(..)), "{n}: {misplaced:?}");
