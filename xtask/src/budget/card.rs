@@ -1,10 +1,10 @@
 //! The image that records sound too: what waits for the card fills AXI SRAM, its stack and its store stand apart.
 
-use super::{
-    Figure, HARDWARE_ASLEEP, HARDWARE_CYCLES, HARDWARE_FLASH, HARDWARE_INTERRUPTS, HARDWARE_RAM,
-    HARDWARE_REGISTER, LEAST, MOST_IN_THREAD, STACK_MARGIN, a_conversion, stack_bound, thousandths, told,
-    twin,
+use super::modelled::{
+    HARDWARE_ASLEEP, HARDWARE_CYCLES, HARDWARE_FLASH, HARDWARE_INTERRUPTS, HARDWARE_RAM, HARDWARE_REGISTER,
+    MOST_IN_THREAD, STACK_MARGIN, a_conversion,
 };
+use super::{Figure, LEAST, stack_bound, thousandths, told, twin};
 use crate::elf::Elf;
 use crate::firmware::{self, HARDWARE_CARD};
 use crate::process::say;
