@@ -6,7 +6,7 @@
 //!
 //! - What becomes of a component from one hop to the next (`jump`): what the others know of it is then of what was.
 //! - Sign of pressure and vertical motion, and a vertical component in a horizontal one's place (`signs`): that something is wrong
-//!   ([`FaultCode::SignInDoubt`]), and later what.
+//!   ([`FaultCode::SignInDoubt`]), and later what, or that it was not; while the instrument shakes (`shaking`) nothing is asked.
 //!   Where no vessels have passed yet, by earthquakes (`first_motion`).
 //! - Gain of the horizontal components: by noise and by vessels (`gains`).
 //! - A horizontal component that hears nothing: while vessels pass the other (`deaf`); until that is known no direction is told (`unheard`).
@@ -23,6 +23,7 @@ use super::jump::{Jump, Jumps};
 use super::misplaced::{Misplaced, Pressure};
 use super::moments::Moments;
 use super::pairs::{Pairs, Profiles};
+use super::shaking::Shaking;
 use super::signs::{AllSigns, FEW_VOTES, VERTICAL};
 use super::unheard::Unheard;
 use crate::intake::Faults;
@@ -83,6 +84,7 @@ pub(super) struct Checks {
     jumps: Jumps,
     /// Whether pressure was turned round since the last minute.
     turned: bool,
+    shaking: Shaking,
     signs: AllSigns,
     gains: Gains,
     pub(super) own_noise: OwnNoise,
@@ -107,6 +109,7 @@ impl Checks {
             minute: Moments::NONE,
             jumps: Jumps::new(),
             turned: false,
+            shaking: Shaking::NONE,
             signs: AllSigns::NONE,
             gains: Gains::new(),
             own_noise: OwnNoise::new(),
@@ -159,17 +162,19 @@ impl Checks {
             return;
         }
         let (coherence, chance) = (m.coherences(), m.chance(minute.whole));
+        let [north, east, _] = coherence;
+        let is_hardly_heard = north * north + east * east < HARDLY_HEARD * chance;
+        let shakes = self.shaking.minute(&m, minute.heard == Heard::Nothing && is_hardly_heard);
         match minute.heard {
+            Heard::Vessel if shakes => self.signs.shaken(),
             Heard::Vessel => {
                 self.signs.take(&coherence, chance, minute.towards);
                 if !minute.several {
                     self.gains.vessel(&m);
                 }
             }
-            Heard::Nothing | Heard::Expected | Heard::Other => {}
+            _ => {}
         }
-        let [north, east, _] = coherence;
-        let is_hardly_heard = north * north + east * east < HARDLY_HEARD * chance;
         let of_noise = match minute.heard {
             Heard::Nothing => 1.0,
             Heard::Vessel | Heard::Expected
@@ -228,7 +233,7 @@ impl Checks {
         let turned = core::mem::take(&mut self.turned);
         if self.said_component == 0 && !self.in_doubt && (turned || self.signs.are_contrary()) {
             (self.in_doubt, self.by_vessels) = (true, true);
-            self.signs.forget_right(towards);
+            self.signs.doubt(towards);
             faults.note(FaultCode::SignInDoubt, index, VERTICAL as u64, sink);
         }
         let vertical = self.signs.vertical();
@@ -245,6 +250,10 @@ impl Checks {
             _ => None,
         };
         self.by_vessels |= by_vessels.is_some();
+        if self.in_doubt && by_vessels.is_none() && self.signs.are_right_after_all() {
+            self.in_doubt = false;
+            faults.note(FaultCode::SetUpGood, index, FaultCode::SignInDoubt as u64, sink);
+        }
         let by_earthquakes = || minute.from_below.filter(|_| !self.by_vessels);
         let wrong = |together: bool| if together == towards { VERTICAL as u8 } else { 0 };
         let Some(found) = by_vessels.or_else(|| by_earthquakes().map(wrong)) else { return };

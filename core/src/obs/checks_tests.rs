@@ -63,6 +63,53 @@ fn a_sign_turned_round_and_components_exchanged_are_named_once() {
     assert_eq!(traffic(|[n, e, z]| [-n, e, z]), []);
 }
 
+#[test]
+fn a_doubt_is_over_where_vessels_have_the_right_sign_for_long_again() {
+    // Something shakes for three hours as no sound does, from the first minute on; then vessels pass.
+    let doubted = |order: fn([f32; 3]) -> [f32; 3]| {
+        said(1200, Heard::Vessel, |n| {
+            let (s, c) = math::f32::sin_cos(n as f32 / 60.0);
+            vessel(if n < 180 { [0.5, 0.1, 0.4] } else { order([0.5 * c, 0.5 * s, -0.4]) })
+        })
+    };
+    assert_eq!(doubted(|v| v), [DOUBT, OVER]);
+    // Not where they pass on one side of north, nor where it was north that is no north.
+    let (mut signs, mut sides) = (AllSigns::NONE, AllSigns::NONE);
+    (signs.doubt(false), sides.doubt(false));
+    for n in 0..5000 {
+        let (s, c) = math::f32::sin_cos(n as f32 / 60.0);
+        signs.take(&[0.5 * math::f32::abs(c), 0.5 * s, -0.4], 1.0, false);
+        sides.take(&[0.5 * c, 0.5 * s, -0.4], 1.0, false);
+    }
+    assert!(sides.are_right_after_all() && !signs.are_right_after_all());
+    assert_eq!(doubted(|[n, e, z]| [z, e, n]), [DOUBT, OVER, (FaultCode::Exchanged, 1)]);
+}
+
+#[test]
+fn an_instrument_that_shakes_has_no_sign() {
+    // An hour of the sea alone, and strumming of a tenth in pressure that is taken for a vessel.
+    let shaking = Moments {
+        power: [3.5, 26.0, 1.0, 2.0],
+        with_pressure: [3.5, 8.0, 0.0, 2.0],
+        instants: 3000,
+        ..Moments::NONE
+    };
+    // Where the sea was never heard alone, nothing is known of that.
+    for (still, want) in [(Heard::Nothing, &[][..]), (Heard::Vessel, &[DOUBT])] {
+        let (mut checks, mut faults, mut told) = (Checks::new(), Faults::new(), Vec::new());
+        for n in 0..420 {
+            checks.hop(Some(&if n < 60 { vessel([0.0; 3]) } else { shaking }));
+            let heard = if n < 60 { still } else { Heard::Vessel };
+            checks.minute(&minute(n, heard), &mut faults, &mut |m| {
+                if let Message::Fault(f) = m {
+                    told.push((f.code, f.value));
+                }
+            });
+        }
+        assert_eq!(told, want);
+    }
+}
+
 /// What is said of vessels all around, with channels in another order.
 fn in_order(places: [usize; 4]) -> Vec<(FaultCode, i64)> {
     said(1200, Heard::Vessel, |n| order(&sound(n as f32 / 60.0, 4.0, [0.3, 0.8]), places))

@@ -17,6 +17,7 @@
 //!   before is of what it was, and the question is open again.
 //! - Jumps. A gain that jumps from one moment to the next beside a vessel is known at once ([`super::jump`]), and what noise and vessels have said stays true of
 //!   what is heard without it; where no vessel is heard the ratio jumps, and the question is open again.
+//! - Time. An instrument that shakes along one component is as one of another gain until the tide turns: nothing of either is told before.
 //! - Both. The ratio of the noise is one of gain, or of noise alone; without vessels neither is likelier, and what is told lies between them, as
 //!   uncertain as they are apart. Vessels decide.
 //!
@@ -67,9 +68,10 @@ const TOLD: f32 = 0.95;
 const OVER: f32 = 0.5;
 const EQUAL_DB: f32 = 1.5;
 
-/// Minutes without a vessel from which on it is told that either may be so (a tide's current shakes an instrument for less), the least probability of a gain at which it is, and below which vessels
-/// have decided.
-const HEARD: f32 = 240.0;
+/// Minutes in which one is louder, from which on it is told that it is, or that either may be so: a tide's current, which flows one way for 6.2 hours, shakes an
+/// instrument for less. Minutes without a vessel from which on what is open is told, the least probability of a gain at which it is, and below which vessels have decided.
+const LOUDER: u16 = 480;
+const HEARD: f32 = 120.0;
 const OPEN: f32 = 0.3;
 const DECIDED: f32 = 0.1;
 
@@ -122,6 +124,8 @@ pub(super) struct Gains {
     doubt_db2: f32,
     said: bool,
     in_doubt: bool,
+    /// Minutes in which one has been louder than the other, in a row.
+    louder: u16,
     /// What is certain of it, dB: the sum of its jumps beside vessels. All else is of what is heard without it.
     known_db: f32,
     /// The last of these, dB; 0 where vessels have said that it was none.
@@ -156,6 +160,7 @@ impl Gains {
             doubt_db2: 0.0,
             said: false,
             in_doubt: false,
+            louder: 0,
             known_db: 0.0,
             jump_db: 0.0,
         }
@@ -229,7 +234,7 @@ impl Gains {
 
     /// What vessels said, and most of the noise, is of what was.
     fn starts_afresh(&mut self) {
-        (self.compared, self.motion_db) = (AFRESH, None);
+        (self.compared, self.motion_db, self.louder) = (AFRESH, None, 0);
         // The mean holds minutes of both; the next is of one alone.
         self.recent = 0.0;
         self.sums = [0.0; 6];
@@ -326,6 +331,11 @@ impl Gains {
     pub(super) fn news(&mut self) -> Option<Option<f32>> {
         self.reconsider();
         let (off_db, probability) = (math::f32::abs(self.ratio_db), self.probability());
+        self.louder = match off_db {
+            _ if off_db >= UNEQUAL_DB => self.louder.saturating_add(1),
+            _ if off_db < EQUAL_DB => 0,
+            _ => self.louder,
+        };
         self.doubt_db2 = (self.doubt_db2 * (1.0 - FORGOTTEN)).max(self.variance_db2(probability));
         let known =
             math::f32::abs(self.known_db + probability * self.ratio_db) >= UNEQUAL_DB && self.known_db != 0.0;
@@ -333,7 +343,7 @@ impl Gains {
             self.said = true;
             return Some(Some(self.known_db + probability * self.ratio_db));
         }
-        if !self.said && off_db >= UNEQUAL_DB && probability > TOLD {
+        if !self.said && off_db >= UNEQUAL_DB && self.louder >= LOUDER && probability > TOLD {
             self.said = true;
             return Some(Some(self.ratio_db));
         }
@@ -351,7 +361,7 @@ impl Gains {
         let open = if self.in_doubt {
             off_db >= EQUAL_DB && probability > DECIDED
         } else {
-            self.compared >= HEARD && off_db >= UNEQUAL_DB && probability > OPEN
+            self.louder >= LOUDER && self.compared >= HEARD && off_db >= UNEQUAL_DB && probability > OPEN
         };
         let open = open && !self.said;
         let louder_db = self.known_db + self.ratio_db;

@@ -3,11 +3,14 @@
 //! Enters: directions and modes of range of one minute, and what is not known of the station. Leaves, through the sink: `Azimuth` and `Range`
 //! messages with deviations widened by errors that last; one of each that says so where nothing was detected.
 
+use super::evidence::Evidence;
 use super::impulsive::Call;
 use super::lasting::{Lasting, widened};
 use super::plan::Plan;
 use super::presence::{RangeMode, RangePresence};
 use super::tonal::{Directions, Mode};
+use crate::angle::wrap_pi;
+use crate::math;
 use crate::wire::{Azimuth, Message, Range};
 
 /// Modes lighter than this are not worth their bytes.
@@ -26,6 +29,21 @@ const CLEAR_SD: f32 = 0.079;
 /// The same of a call's direction, rad (14 degrees): beside a louder vessel its bursts tell little.
 const CALL_SD: f32 = 0.25;
 
+/// Share of the band's bins from which on a direction is a measurement only where some was heard there before, minutes ago at the least and at the most, and how near, rad (20
+/// degrees). A vessel is heard by its lines, and longer, before its sound fills so much of the band; a T phase or an earthquake fills it at once, and is over.
+/// Windows two minutes apart share a third of their frames.
+const WIDEBAND: (usize, usize) = (1, 4);
+const BEFORE: (u32, u32) = (2, 5);
+const NEAR: f64 = 0.35;
+
+/// Whether a direction of wideband sound is one of which nothing was heard before minute `k`.
+pub(super) fn is_sudden(m: &Mode, bins: usize, evidence: &Evidence, k: u32) -> bool {
+    let is_near = |azimuth: f64| math::f64::abs(wrap_pi(azimuth - f64::from(m.azimuth))) < NEAR;
+    let heard = || evidence.between_back(k.saturating_sub(BEFORE.1), k.saturating_sub(BEFORE.0));
+    WIDEBAND.1 * usize::from(m.bins) >= WIDEBAND.0 * bins
+        && !heard().any(|minute| minute.directions().any(|d| is_near(d.azimuth)))
+}
+
 /// Whether a mode's range is a measurement.
 fn is_clear(m: &RangeMode) -> bool {
     m.weight >= CLEAR_WEIGHT && m.sure
@@ -38,12 +56,13 @@ pub(super) fn clear_speed_m_s(ranges: &RangePresence) -> Option<f32> {
 }
 
 /// Sends the records of a minute, of its range so many modes, and says how many; while pairs of paths are in doubt no range is told as
-/// detected.
+/// detected, and no direction that is sudden.
 pub(super) fn send(
     plan: &Plan<'_>,
     lasting: &Lasting,
     index: u64,
     directions: &Directions,
+    is_sudden: impl Fn(&Mode) -> bool,
     call: Option<Call>,
     ranges: &RangePresence,
     pairs_in_doubt: bool,
@@ -52,8 +71,8 @@ pub(super) fn send(
 ) -> u32 {
     let paper = plan.paper;
     let with_lasting = |azimuth: f32, sd: f32| widened(sd, lasting.of_direction(f64::from(azimuth)));
-    let is_told =
-        |m: &Mode| if paper { m.log_presence > 0.0 } else { m.log_presence > CLEAR_LOG && m.sd < CLEAR_SD };
+    let is_clear_direction = |m: &Mode| m.log_presence > CLEAR_LOG && m.sd < CLEAR_SD && !is_sudden(m);
+    let is_told = |m: &Mode| if paper { m.log_presence > 0.0 } else { is_clear_direction(m) };
     let tonal = || directions.modes.iter().flatten().filter(|m| !m.impulsive);
     let total = tonal().count() as f32;
     for m in tonal() {
@@ -124,9 +143,14 @@ pub(super) fn send(
 
 #[cfg(test)]
 mod tests {
+    use super::super::evidence::Minute;
     use super::*;
     use std::boxed::Box;
     use std::vec::Vec;
+
+    /// A direction of lines.
+    const MODE: Mode =
+        Mode { azimuth: 1.0, sd: 0.03, log_presence: 12.0, bins: 5, step: 0, impulsive: false, moved: None };
 
     /// Nothing heard.
     const SILENT: RangePresence =
@@ -135,25 +159,52 @@ mod tests {
     /// What is told as detected of directions and ranges.
     fn detected(directions: &Directions, ranges: &RangePresence) -> Vec<bool> {
         let (plan, mut out) = (Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY }), Vec::new());
-        send(&plan, &plan.lasting, 0, directions, None, ranges, false, 2, &mut |m| match m {
-            Message::Azimuth(a) => out.push(a.detected),
-            Message::Range(r) => out.push(r.detected),
-            _ => {}
-        });
+        send(
+            &plan,
+            &plan.lasting,
+            0,
+            directions,
+            |m| m.bins > 100,
+            None,
+            ranges,
+            false,
+            2,
+            &mut |m| match m {
+                Message::Azimuth(a) => out.push(a.detected),
+                Message::Range(r) => out.push(r.detected),
+                _ => {}
+            },
+        );
         out
     }
 
     #[test]
     fn a_direction_is_told_as_detected_where_it_is_clear_and_close() {
-        let told = |log_presence: f32, sd: f32| {
-            let mode =
-                Mode { azimuth: 1.0, sd, log_presence, bins: 5, step: 0, impulsive: false, moved: None };
-            let modes = [Some(mode), None, None];
+        let told = |log_presence: f32, sd: f32, bins: u16| {
+            let modes = [Some(Mode { sd, log_presence, bins, ..MODE }), None, None];
             let log_below = f32::NEG_INFINITY;
             let directions = Directions { modes, log_presence, log_below, frames: 17 };
             detected(&directions, &SILENT)[0]
         };
-        assert!(told(12.0, 0.03) && !told(10.0, 0.03) && !told(12.0, 0.1));
+        assert!(told(12.0, 0.03, 5) && !told(10.0, 0.03, 5) && !told(12.0, 0.1, 5) && !told(12.0, 0.03, 120));
+    }
+
+    #[test]
+    fn wideband_sound_is_sudden_until_it_was_heard_for_minutes() {
+        let mut evidence = Box::new(Evidence::new());
+        let sudden = |evidence: &Evidence, azimuth: f32, bins: u16, k: u32| {
+            is_sudden(&Mode { azimuth, bins, ..MODE }, 266, evidence, k)
+        };
+        assert!(sudden(&evidence, 1.0, 200, 10) && !sudden(&evidence, 1.0, 20, 10));
+        // Lines were heard in minute 10 alone.
+        let modes = [Some(MODE), None, None];
+        let heard = Directions { modes, log_presence: 12.0, log_below: f32::NEG_INFINITY, frames: 17 };
+        evidence.push(Minute::new(10, &heard, &SILENT));
+        for (k, azimuth, want) in
+            [(11, 1.0, true), (12, 1.2, false), (12, 1.5, true), (15, 1.0, false), (16, 1.0, true)]
+        {
+            assert_eq!(sudden(&evidence, azimuth, 200, k), want, "{k} {azimuth}");
+        }
     }
 
     #[test]

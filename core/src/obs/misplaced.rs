@@ -10,7 +10,8 @@
 //! Pressure of two vessels on opposite sides goes with neither horizontal component, which go together; but it is loud then. Absent
 //! is only what is as quiet as where no vessel is heard.
 //! Vertical motion goes with pressure with one sign (`checks`), also where the two are exchanged: what a shaking
-//! instrument has of pressure has either.
+//! instrument has of pressure has either, but one sign as long as one tide's current flows. So for these two the axis of what is heard must move as well:
+//! vessels pass, and a current flows one way for hours.
 //!
 //! Not observable: pressure exchanged with any over a floor that lets sound in, where vertical motion goes with pressure in all that it does;
 //! nor before vessels were heard along both horizontal components. Cost: 100 instructions a minute.
@@ -48,6 +49,18 @@ const WITHOUT_BOTH: u16 = 2;
 /// Minutes without the vertical component from which on either horizontal one would have been absent, were neither pressure.
 const LOUD: u16 = 20;
 
+/// Minutes of a block, and blocks: a minute's axis is compared with that of the whole blocks before its own. Least length of an axis and of the mean of theirs, and
+/// cosine of twice the angle between the two below which it has moved: 15°.
+const BLOCK: u16 = 15;
+const BLOCKS: usize = 4;
+const AXIS: f32 = 0.1;
+const STAYS: f32 = 0.866;
+
+/// Pressure is exchanged with the vertical component where the axis has moved in so many of the minutes without it, one in so many: where it shakes it
+/// moves once a tide, for three blocks.
+const MOVED: u16 = 60;
+const MOVES: u16 = 4;
+
 /// Minutes of each sign in which north and east go together.
 const EITHER_SIGN: u16 = 5;
 
@@ -58,11 +71,47 @@ pub(super) struct Misplaced {
     absent: [u16; CHANNELS],
     /// Minutes without what is called pressure and the vertical one.
     both: u16,
+    /// Those without what is called pressure whose axis had moved.
+    moved: u16,
+    axes: Axes,
     /// While what is called pressure was: of north with east, and of it with the vertical one.
     horizontals: Votes,
     vertical: Votes,
     /// The least power of what is called pressure; 0 before the first minute.
     least: f32,
+}
+
+/// Axis of horizontal motion, of powers and their product: direction of the vector is twice its angle, 0 to 1 long.
+fn axis(north: f32, east: f32, together: f32) -> [f32; 2] {
+    let all = (north + east).max(f32::MIN_POSITIVE);
+    [(north - east) / all, 2.0 * together / all]
+}
+
+/// Axes of the last blocks.
+#[derive(Clone, Copy, Debug)]
+struct Axes {
+    /// Sums of a block each, the newest first.
+    blocks: [[f32; 2]; BLOCKS],
+    minutes: u16,
+}
+
+impl Axes {
+    const NONE: Self = Self { blocks: [[0.0; 2]; BLOCKS], minutes: 0 };
+
+    /// Takes a minute's, whose length is 0 where nothing is heard; whether it is another than those of the blocks before.
+    fn minute(&mut self, [c, s]: [f32; 2]) -> bool {
+        if self.minutes >= BLOCK {
+            self.blocks.rotate_right(1);
+            (self.blocks[0], self.minutes) = ([0.0; 2], 0);
+        }
+        self.minutes += 1;
+        let [newest, older @ ..] = &mut self.blocks;
+        (newest[0], newest[1]) = (newest[0] + c, newest[1] + s);
+        let [x, y] = older.iter().fold([0.0; 2], |[x, y], [c, s]| [x + c, y + s]);
+        let (now, then) = (math::f32::hypot(c, s), math::f32::hypot(x, y));
+        let is_axis = now > AXIS && then > AXIS * f32::from(BLOCK) * older.len() as f32;
+        is_axis && c * x + s * y < STAYS * now * then
+    }
 }
 
 /// Where pressure is.
@@ -78,8 +127,15 @@ pub(super) enum Pressure {
 
 impl Misplaced {
     /// Nothing known; all zeros.
-    pub(super) const NONE: Self =
-        Self { absent: [0; CHANNELS], both: 0, horizontals: Votes::NONE, vertical: Votes::NONE, least: 0.0 };
+    pub(super) const NONE: Self = Self {
+        absent: [0; CHANNELS],
+        both: 0,
+        moved: 0,
+        axes: Axes::NONE,
+        horizontals: Votes::NONE,
+        vertical: Votes::NONE,
+        least: 0.0,
+    };
 
     /// Takes a minute.
     pub(super) fn minute(&mut self, m: &Moments) {
@@ -103,6 +159,8 @@ impl Misplaced {
             pz_size.max(nz).max(ez),
         ];
         let most = best.iter().fold(0f32, |most, x| most.max(*x));
+        let axis = if most < STRONG { [0.0; 2] } else { axis(n, e, m.north_east) };
+        let moved = self.axes.minute(axis);
         if most < STRONG {
             return;
         }
@@ -116,8 +174,10 @@ impl Misplaced {
         if self.absent.iter().any(|count| *count >= MOST) {
             self.absent.iter_mut().for_each(|count| *count /= 2);
             self.both /= 2;
+            self.moved /= 2;
         }
         if is_absent(pressure) && quiet {
+            self.moved += u16::from(moved);
             let [slightly, clearly] = COHERENT;
             self.horizontals.take(ne, clearly * clearly);
             self.vertical.take(pz, slightly * slightly);
@@ -136,7 +196,8 @@ impl Misplaced {
         let often = least * SELDOM;
         // Where it is the vertical component that is called pressure, that has little of either.
         let takes_part = vertical >= TAKES_PART * pressure && WITHOUT_BOTH * self.both >= pressure;
-        let may_be = if component == 3 { self.vertical.is_one_sided() } else { takes_part };
+        let moves = self.moved >= MOVED && MOVES * self.moved >= pressure;
+        let may_be = if component == 3 { moves && self.vertical.is_one_sided() } else { takes_part };
         if pressure < often || !may_be {
             return Pressure::Right;
         }
@@ -260,6 +321,18 @@ pub(super) mod tests {
                 })
                 .collect();
             assert!(!told.contains(&true), "{angles:?}");
+        }
+    }
+
+    #[test]
+    fn an_instrument_that_shakes_upwards_as_well_is_no_exchange_with_pressure() {
+        // Tides of five hours along one axis each, which are many, with nothing between them; four fifths of it upwards.
+        let mut misplaced = Misplaced::NONE;
+        for n in 0..7200usize {
+            let (tide, within) = (n / 745, n % 745);
+            let angle = [0.0, 0.785, 1.571, 2.356, 0.4, 1.2][tide % 6];
+            misplaced.minute(&if within < 300 { shaking(angle, 6.0, 4.8) } else { shaking(0.0, 0.0, 0.0) });
+            assert!(!matches!(misplaced.pressure(), Pressure::Elsewhere(..)), "{n}: {misplaced:?}");
         }
     }
 

@@ -60,6 +60,7 @@ mod misplaced;
 mod residuals;
 mod search;
 mod segment;
+mod shaking;
 mod signs;
 mod tracks;
 mod unheard;

@@ -13,7 +13,8 @@
 //! point), where a horizontal component changes its sign once, as the vessel comes abeam.
 //! Which of the two it is says only a vessel on either side of each horizontal component. That something is wrong is known after an hour or two with
 //! vessels, from what the vertical one has of the wrong sign beyond what it has of the right one since (a cumulative sum: Page, Biometrika 41, 1954); until it is
-//! known what, no direction is told. Cost: 100 instructions a minute.
+//! known what, no direction is told. It is over where vessels on all
+//! sides have the right one after all: something shook the instrument. Cost: 100 instructions a minute.
 
 use crate::math;
 
@@ -42,6 +43,13 @@ const BOTH_SIDES: u32 = 92;
 const COUNTS: f32 = 0.06;
 const CHANCE: f32 = 0.0075;
 const CONTRARY: f32 = 0.8;
+
+/// Part of that sum that is gone with each minute in which the instrument shakes.
+const SHAKEN: f32 = 0.02;
+
+/// The same sum of the right sign at which a doubt is over, of vessels on either side of north and of east each: of a component that stands in another's place, or
+/// in that of pressure, one of them has the wrong sign or none.
+const AGREEING: f32 = 0.6;
 
 /// Components: pressure, north, east, vertical.
 const NORTH: usize = 1;
@@ -121,21 +129,29 @@ impl Signs {
 pub(super) struct AllSigns {
     /// Of north, east, vertical.
     of: [Signs; 3],
-    /// What the vertical one had of the wrong sign.
+    /// What the vertical one had of the wrong sign; and of the right one since that was in doubt, of vessels on either side of north and of east.
     contrary: f32,
+    agreeing: [f32; 4],
 }
 
 impl AllSigns {
     /// Nothing known; all zeros.
-    pub(super) const NONE: Self = Self { of: [Signs::NONE; 3], contrary: 0.0 };
+    pub(super) const NONE: Self = Self { of: [Signs::NONE; 3], contrary: 0.0, agreeing: [0.0; 4] };
 
     /// Takes a minute's coherences with pressure, how much larger chance makes them than those of a whole minute, and the sign that the vertical one should
     /// have.
     pub(super) fn take(&mut self, coherence: &[f32; 3], chance: f32, towards: bool) {
-        let [.., vertical] = *coherence;
+        let [north, east, vertical] = *coherence;
         let wrong = if towards { -vertical } else { vertical } / chance;
-        self.contrary = (self.contrary + wrong.clamp(-COUNTS, COUNTS) - CHANCE).clamp(0.0, CONTRARY);
+        let wrong = wrong.clamp(-COUNTS, COUNTS);
+        self.contrary = (self.contrary + wrong - CHANCE).clamp(0.0, CONTRARY);
         let [slightly, clearly] = COHERENT.map(|least| least * chance);
+        if math::f32::abs(north).min(math::f32::abs(east)) > slightly
+            && let Some(agreeing) =
+                self.agreeing.get_mut(2 * usize::from(north > 0.0) + usize::from(east > 0.0))
+        {
+            *agreeing = (*agreeing - wrong - CHANCE).clamp(0.0, AGREEING);
+        }
         for (signs, coherence) in self.of.iter_mut().zip(coherence) {
             signs.slight.take(*coherence, slightly);
             if math::f32::abs(*coherence) > clearly {
@@ -149,6 +165,11 @@ impl AllSigns {
         }
     }
 
+    /// A minute of what is no vessel, for the instrument shakes: what came before may have been that as well.
+    pub(super) fn shaken(&mut self) {
+        self.contrary *= 1.0 - SHAKEN;
+    }
+
     /// The vertical one's slight votes.
     pub(super) fn vertical(&self) -> Votes {
         let [.., vertical] = &self.of;
@@ -160,8 +181,18 @@ impl AllSigns {
         self.contrary >= CONTRARY
     }
 
-    /// What was right before says nothing of what is wrong now.
-    pub(super) fn forget_right(&mut self, towards: bool) {
+    /// Whether it has had the right one for so long since that was in doubt that nothing is; the doubt is over with that.
+    pub(super) fn are_right_after_all(&mut self) -> bool {
+        let over = self.agreeing.iter().all(|sum| *sum >= AGREEING);
+        if over {
+            self.contrary = 0.0;
+        }
+        over
+    }
+
+    /// They are in doubt: what was right before says nothing of what is wrong now.
+    pub(super) fn doubt(&mut self, towards: bool) {
+        self.agreeing = [0.0; 4];
         if self.vertical().are_for(towards, 50) {
             self.of = [Signs::NONE; 3];
         }

@@ -20,7 +20,7 @@ use super::hops::Hops;
 use super::impulsive;
 use super::limits::{MINUTE_FRAMES, QUEFRENCIES, WINDOW_FRAMES};
 use super::lines::Lines;
-use super::minute_records::{clear_speed_m_s, send};
+use super::minute_records::{clear_speed_m_s, is_sudden, send};
 use super::pairs::Profiles;
 use super::paper;
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
@@ -521,6 +521,7 @@ impl State {
                 &lasting,
                 index,
                 &directions,
+                |m| is_sudden(m, plan.band.bins, &self.evidence, k as u32),
                 call,
                 &ranges,
                 pairs_in_doubt,
