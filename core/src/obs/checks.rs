@@ -164,7 +164,10 @@ impl Checks {
         let (coherence, chance) = (m.coherences(), m.chance(minute.whole));
         let [north, east, _] = coherence;
         let is_hardly_heard = north * north + east * east < HARDLY_HEARD * chance;
-        let shakes = self.shaking.minute(&m, minute.heard == Heard::Nothing && is_hardly_heard);
+        let is_measure = u64::from(m.instants) * PART >= minute.whole;
+        let moved = is_measure && minute.heard != Heard::Other && self.misplaced.minute(&m);
+        let is_still = minute.heard == Heard::Nothing && is_hardly_heard;
+        let shakes = self.shaking.minute(&m, is_still, (minute.heard == Heard::Vessel).then_some(moved));
         match minute.heard {
             Heard::Vessel if shakes => self.signs.shaken(),
             Heard::Vessel => {
@@ -191,10 +194,6 @@ impl Checks {
             self.own_noise.take(&self.gains.with_known(&m), of_noise);
         } else if minute.heard == Heard::Vessel {
             self.gains.beside(&m);
-        }
-        let is_measure = u64::from(m.instants) * PART >= minute.whole;
-        if is_measure && minute.heard != Heard::Other {
-            self.misplaced.minute(&m);
         }
         self.tell_order(minute, faults, sink);
         self.tell_gain(minute.index, faults, sink);

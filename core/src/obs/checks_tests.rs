@@ -110,6 +110,30 @@ fn an_instrument_that_shakes_has_no_sign() {
     }
 }
 
+#[test]
+fn a_noisy_hydrophone_hides_no_sign_that_is_wrong() {
+    // Ten times the noise of the others: vessels are louder in motion than the sea is.
+    let (mut checks, mut faults, mut told) = (Checks::new(), Faults::new(), Vec::new());
+    for n in 0..1200usize {
+        let heard = if n < 60 { Heard::Nothing } else { Heard::Vessel };
+        let (s, c) = math::f32::sin_cos(n as f32 / 60.0);
+        let power = if n < 60 { 0.0 } else { 4.0 };
+        checks.hop(Some(&Moments {
+            power: [power + 10.0, power * c * c + 1.0, power * s * s + 1.0, 0.1 * power + 1.0],
+            with_pressure: [power + 10.0, power * c, power * s, 0.3 * power],
+            north_east: power * c * s,
+            with_vertical: [0.3 * power * c, 0.3 * power * s],
+            instants: 3000,
+        }));
+        checks.minute(&minute(n, heard), &mut faults, &mut |m| {
+            if let Message::Fault(f) = m {
+                told.push((f.code, f.value));
+            }
+        });
+    }
+    assert_eq!(told, [DOUBT, OVER, (FaultCode::Reversed, 3)]);
+}
+
 /// What is said of vessels all around, with channels in another order.
 fn in_order(places: [usize; 4]) -> Vec<(FaultCode, i64)> {
     said(1200, Heard::Vessel, |n| order(&sound(n as f32 / 60.0, 4.0, [0.3, 0.8]), places))

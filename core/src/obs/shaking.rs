@@ -8,8 +8,9 @@
 //! The ratio of the sea is the lower quartile over minutes in which nothing is heard, nor is any motion coherent with
 //! pressure, followed in steps so small that a tide does not move it by much; in a year sensors may grow noisier.
 //!
-//! Assumes: a hydrophone whose own noise is not louder than the sea, for beside one that is a vessel is louder in motion. An instrument that shakes
-//! from the first minute on is not known for one before it has been still. Cost: 60 instructions a minute.
+//! Beside a hydrophone whose own noise is louder than the sea vessels are louder in motion as well. Their axis moves as they pass, which that of a current does
+//! not: where it has moved in many of the minutes that would be shaking none is.
+//! An instrument that shakes from the first minute on is not known for one before it has been still. Cost: 60 instructions a minute.
 
 use super::moments::Moments;
 use crate::math;
@@ -27,20 +28,30 @@ const DOWN: f32 = 3.0;
 /// Minutes before which nothing is known.
 const FEW: u16 = 30;
 
+/// Minutes of what is heard as a vessel and would be shaking, one in so many of which the axis has moved where they are vessels'; the least of them that say so, and those
+/// from which on the older half is forgotten.
+const MOVES: u16 = 4;
+const LEAST: u16 = 40;
+const MOST: u16 = 400;
+
 /// State.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shaking {
     /// Lower quartile of the ratio, dB, and the minutes it is of.
     usual_db: f32,
     minutes: u16,
+    /// Minutes as of vessels that were louder in motion, and of these those whose axis had moved.
+    louder: u16,
+    moved: u16,
 }
 
 impl Shaking {
     /// Nothing known; all zeros.
-    pub(super) const NONE: Self = Self { usual_db: 0.0, minutes: 0 };
+    pub(super) const NONE: Self = Self { usual_db: 0.0, minutes: 0, louder: 0, moved: 0 };
 
-    /// Takes a minute, and whether pressure has hardly anything of its horizontal motion; whether the instrument shakes in it.
-    pub(super) fn minute(&mut self, m: &Moments, is_still: bool) -> bool {
+    /// Takes a minute, whether nothing was heard in it and pressure has hardly anything of its horizontal motion, and of one of something like a vessel whether the axis has
+    /// moved; whether the instrument shakes in it.
+    pub(super) fn minute(&mut self, m: &Moments, is_still: bool, vessel: Option<bool>) -> bool {
         let [pressure, north, east, _] = m.power;
         let both = north + east;
         if !(pressure > 0.0 && both > 0.0) {
@@ -57,7 +68,16 @@ impl Shaking {
             self.usual_db += over_db.clamp(-DOWN * step_db, step_db);
             self.minutes = self.minutes.saturating_add(1);
         }
-        known && over_db > SHAKES_DB
+        let louder = known && over_db > SHAKES_DB;
+        if let Some(moved) = vessel.filter(|_| louder) {
+            self.louder += 1;
+            self.moved += u16::from(moved);
+            if self.louder >= MOST {
+                (self.louder, self.moved) = (self.louder / 2, self.moved / 2);
+            }
+        }
+        let are_vessels = self.louder >= LEAST && MOVES * self.moved >= self.louder;
+        louder && !are_vessels
     }
 }
 
@@ -74,17 +94,35 @@ mod tests {
     fn a_vessel_does_not_shake_the_instrument_and_strumming_does() {
         let mut shaking = Shaking::NONE;
         for _ in 0..60 {
-            assert!(!shaking.minute(&minute(1.0, 1.0, 1.0), true));
+            assert!(!shaking.minute(&minute(1.0, 1.0, 1.0), true, None));
         }
         // Vessels of any strength, along a component and between; sound from above alone.
         for power in [1.0, 10.0, 1e4] {
-            assert!(!shaking.minute(&minute(1.0 + power, 1.0 + power, 1.0), false));
-            assert!(!shaking.minute(&minute(1.0 + power, 1.0 + 0.5 * power, 1.0 + 0.5 * power), false));
-            assert!(!shaking.minute(&minute(1.0 + power, 1.0, 1.0), false));
+            assert!(!shaking.minute(&minute(1.0 + power, 1.0 + power, 1.0), false, Some(false)));
+            assert!(!shaking.minute(
+                &minute(1.0 + power, 1.0 + 0.5 * power, 1.0 + 0.5 * power),
+                false,
+                Some(false)
+            ));
+            assert!(!shaking.minute(&minute(1.0 + power, 1.0, 1.0), false, Some(false)));
         }
         // Strumming with a tenth of it in pressure, and with a hundredth.
-        assert!(shaking.minute(&minute(1.24, 3.4, 1.0), false));
-        assert!(shaking.minute(&minute(1.02, 3.0, 1.0), true));
+        assert!(shaking.minute(&minute(1.24, 3.4, 1.0), false, Some(false)));
+        assert!(shaking.minute(&minute(1.02, 3.0, 1.0), true, None));
+    }
+
+    #[test]
+    fn beside_a_noisy_hydrophone_what_moves_is_a_vessel() {
+        let mut shaking = Shaking::NONE;
+        (0..60).for_each(|_| assert!(!shaking.minute(&minute(10.0, 1.0, 1.0), true, None)));
+        // Two thirds of its way a vessel's axis has moved.
+        let told = |n: usize, moves: bool| Some(moves && n % 90 > 30);
+        let mut strumming = shaking;
+        let strums = (0..300).filter(|n| strumming.minute(&minute(14.0, 5.0, 1.0), false, told(*n, false)));
+        assert_eq!(strums.count(), 300);
+        let vessels =
+            (0..300).filter(|n| shaking.minute(&minute(14.0, 5.0, 1.0), false, told(*n, true))).count();
+        assert!(vessels < 60, "{vessels}");
     }
 
     #[test]
@@ -94,10 +132,10 @@ mod tests {
         for n in 0..14_400 {
             let shakes = n % 720 >= 350;
             let power = if shakes { 2.5 } else { 1.0 };
-            assert_eq!(shaking.minute(&minute(1.0, power, 1.0), true), shakes, "{n}");
+            assert_eq!(shaking.minute(&minute(1.0, power, 1.0), true, None), shakes, "{n}");
         }
         // A component that is noisier for good.
-        let told = (0..5000).filter(|_| shaking.minute(&minute(1.0, 4.0, 1.0), true)).count();
+        let told = (0..5000).filter(|_| shaking.minute(&minute(1.0, 4.0, 1.0), true, None)).count();
         assert!((1440..4320).contains(&told), "{told}");
     }
 
@@ -105,17 +143,17 @@ mod tests {
     fn a_first_minute_that_is_not_the_seas_is_forgotten() {
         let mut shaking = Shaking::NONE;
         for _ in 0..20 {
-            shaking.minute(&minute(1.0, 0.8, 0.8), true);
+            shaking.minute(&minute(1.0, 0.8, 0.8), true, None);
         }
-        let shakes = (0..600).filter(|_| shaking.minute(&minute(1.0, 1.0, 1.0), true)).count();
+        let shakes = (0..600).filter(|_| shaking.minute(&minute(1.0, 1.0, 1.0), true, None)).count();
         assert!(shakes < 100, "{shakes}");
-        assert!(shaking.minute(&minute(1.0, 2.0, 1.0), true));
+        assert!(shaking.minute(&minute(1.0, 2.0, 1.0), true, None));
     }
 
     #[test]
     fn what_is_there_from_the_start_is_not_known() {
         let mut shaking = Shaking::NONE;
-        assert!((0..600).all(|_| !shaking.minute(&minute(1.24, 3.4, 1.0), false)));
-        assert!(!shaking.minute(&Moments::NONE, true));
+        assert!((0..600).all(|_| !shaking.minute(&minute(1.24, 3.4, 1.0), false, Some(false))));
+        assert!(!shaking.minute(&Moments::NONE, true, None));
     }
 }
