@@ -65,7 +65,8 @@ impl Shaking {
                 0 => f32::INFINITY,
                 minutes => (FIRST_DB / f32::from(minutes)).max(STEP_DB),
             };
-            self.usual_db += over_db.clamp(-DOWN * step_db, step_db);
+            // `clamp` would check its limits, and write them out where they are wrong.
+            self.usual_db += over_db.max(-DOWN * step_db).min(step_db);
             self.minutes = self.minutes.saturating_add(1);
         }
         let louder = known && over_db > SHAKES_DB;
