@@ -6,7 +6,7 @@
 //!
 //! - What becomes of a component from one hop to the next (`jump`): what the others know of it is then of what was.
 //! - Sign of pressure and vertical motion, and a vertical component in a horizontal one's place (`signs`): that something is wrong
-//!   ([`FaultCode::SignInDoubt`]), and later what, or that it was not; while the instrument shakes (`shaking`) nothing is asked.
+//!   ([`FaultCode::SignInDoubt`]), and later what, or that it was not.
 //!   Where no vessels have passed yet, by earthquakes (`first_motion`).
 //! - Gain of the horizontal components: by noise and by vessels (`gains`).
 //! - A horizontal component that hears nothing: while vessels pass the other (`deaf`); until that is known no direction is told (`unheard`).
@@ -23,7 +23,6 @@ use super::jump::{Jump, Jumps};
 use super::misplaced::{Misplaced, Pressure};
 use super::moments::Moments;
 use super::pairs::{Pairs, Profiles};
-use super::shaking::Shaking;
 use super::signs::{AllSigns, FEW_VOTES, VERTICAL};
 use super::unheard::Unheard;
 use crate::intake::Faults;
@@ -84,7 +83,6 @@ pub(super) struct Checks {
     jumps: Jumps,
     /// Whether pressure was turned round since the last minute.
     turned: bool,
-    shaking: Shaking,
     signs: AllSigns,
     gains: Gains,
     pub(super) own_noise: OwnNoise,
@@ -109,7 +107,6 @@ impl Checks {
             minute: Moments::NONE,
             jumps: Jumps::new(),
             turned: false,
-            shaking: Shaking::NONE,
             signs: AllSigns::NONE,
             gains: Gains::new(),
             own_noise: OwnNoise::new(),
@@ -162,22 +159,17 @@ impl Checks {
             return;
         }
         let (coherence, chance) = (m.coherences(), m.chance(minute.whole));
-        let [north, east, _] = coherence;
-        let is_hardly_heard = north * north + east * east < HARDLY_HEARD * chance;
-        let is_measure = u64::from(m.instants) * PART >= minute.whole;
-        let moved = is_measure && minute.heard != Heard::Other && self.misplaced.minute(&m);
-        let is_still = minute.heard == Heard::Nothing && is_hardly_heard;
-        let shakes = self.shaking.minute(&m, is_still, (minute.heard == Heard::Vessel).then_some(moved));
         match minute.heard {
-            Heard::Vessel if shakes => self.signs.shaken(),
             Heard::Vessel => {
                 self.signs.take(&coherence, chance, minute.towards);
                 if !minute.several {
                     self.gains.vessel(&m);
                 }
             }
-            _ => {}
+            Heard::Nothing | Heard::Expected | Heard::Other => {}
         }
+        let [north, east, _] = coherence;
+        let is_hardly_heard = north * north + east * east < HARDLY_HEARD * chance;
         let of_noise = match minute.heard {
             Heard::Nothing => 1.0,
             Heard::Vessel | Heard::Expected
@@ -194,6 +186,10 @@ impl Checks {
             self.own_noise.take(&self.gains.with_known(&m), of_noise);
         } else if minute.heard == Heard::Vessel {
             self.gains.beside(&m);
+        }
+        let is_measure = u64::from(m.instants) * PART >= minute.whole;
+        if is_measure && minute.heard != Heard::Other {
+            self.misplaced.minute(&m);
         }
         self.tell_order(minute, faults, sink);
         self.tell_gain(minute.index, faults, sink);

@@ -86,31 +86,6 @@ fn a_doubt_is_over_where_vessels_have_the_right_sign_for_long_again() {
 }
 
 #[test]
-fn an_instrument_that_shakes_has_no_sign() {
-    // An hour of the sea alone, and strumming of a tenth in pressure that is taken for a vessel.
-    let shaking = Moments {
-        power: [3.5, 26.0, 1.0, 2.0],
-        with_pressure: [3.5, 8.0, 0.0, 2.0],
-        instants: 3000,
-        ..Moments::NONE
-    };
-    // Where the sea was never heard alone, nothing is known of that.
-    for (still, want) in [(Heard::Nothing, &[][..]), (Heard::Vessel, &[DOUBT])] {
-        let (mut checks, mut faults, mut told) = (Checks::new(), Faults::new(), Vec::new());
-        for n in 0..420 {
-            checks.hop(Some(&if n < 60 { vessel([0.0; 3]) } else { shaking }));
-            let heard = if n < 60 { still } else { Heard::Vessel };
-            checks.minute(&minute(n, heard), &mut faults, &mut |m| {
-                if let Message::Fault(f) = m {
-                    told.push((f.code, f.value));
-                }
-            });
-        }
-        assert_eq!(told, want);
-    }
-}
-
-#[test]
 fn a_noisy_hydrophone_hides_no_sign_that_is_wrong() {
     // Ten times the noise of the others: vessels are louder in motion than the sea is.
     let (mut checks, mut faults, mut told) = (Checks::new(), Faults::new(), Vec::new());

@@ -9,8 +9,6 @@ use super::lasting::{Lasting, widened};
 use super::plan::Plan;
 use super::presence::{RangeMode, RangePresence};
 use super::tonal::{Directions, Mode};
-use crate::angle::wrap_pi;
-use crate::math;
 use crate::wire::{Azimuth, Message, Range};
 
 /// Modes lighter than this are not worth their bytes.
@@ -29,19 +27,17 @@ const CLEAR_SD: f32 = 0.079;
 /// The same of a call's direction, rad (14 degrees): beside a louder vessel its bursts tell little.
 const CALL_SD: f32 = 0.25;
 
-/// Share of the band's bins from which on a direction is a measurement only where some was heard there before, minutes ago at the least and at the most, and how near, rad (20
-/// degrees). A vessel is heard by its lines, and longer, before its sound fills so much of the band; a T phase or an earthquake fills it at once, and is over.
+/// Share of the band's bins from which on a direction is a measurement only where something was heard minutes ago, at the least and at the most. A vessel is heard
+/// before its sound fills so much of the band, and from somewhere else, for it passes; a T phase or an earthquake fills it at once, out of silence, and is over.
 /// Windows two minutes apart share a third of their frames.
 const WIDEBAND: (usize, usize) = (1, 4);
-const BEFORE: (u32, u32) = (2, 5);
-const NEAR: f64 = 0.35;
+const BEFORE: (u32, u32) = (2, 10);
 
-/// Whether a direction of wideband sound is one of which nothing was heard before minute `k`.
+/// Whether a direction is one of wideband sound before which, as of minute `k`, nothing was heard.
 pub(super) fn is_sudden(m: &Mode, bins: usize, evidence: &Evidence, k: u32) -> bool {
-    let is_near = |azimuth: f64| math::f64::abs(wrap_pi(azimuth - f64::from(m.azimuth))) < NEAR;
-    let heard = || evidence.between_back(k.saturating_sub(BEFORE.1), k.saturating_sub(BEFORE.0));
+    let mut heard = evidence.between_back(k.saturating_sub(BEFORE.1), k.saturating_sub(BEFORE.0));
     WIDEBAND.1 * usize::from(m.bins) >= WIDEBAND.0 * bins
-        && !heard().any(|minute| minute.directions().any(|d| is_near(d.azimuth)))
+        && !heard.any(|minute| minute.directions().next().is_some())
 }
 
 /// Whether a mode's range is a measurement.
@@ -56,7 +52,7 @@ pub(super) fn clear_speed_m_s(ranges: &RangePresence) -> Option<f32> {
 }
 
 /// Sends the records of a minute, of its range so many modes, and says how many; while pairs of paths are in doubt no range is told as
-/// detected, and no direction that is sudden.
+/// detected, and no direction that is sudden ([`is_sudden`], of no vessel that is known otherwise).
 pub(super) fn send(
     plan: &Plan<'_>,
     lasting: &Lasting,
@@ -192,18 +188,16 @@ mod tests {
     #[test]
     fn wideband_sound_is_sudden_until_it_was_heard_for_minutes() {
         let mut evidence = Box::new(Evidence::new());
-        let sudden = |evidence: &Evidence, azimuth: f32, bins: u16, k: u32| {
-            is_sudden(&Mode { azimuth, bins, ..MODE }, 266, evidence, k)
+        let sudden = |evidence: &Evidence, bins: u16, k: u32| {
+            is_sudden(&Mode { azimuth: 3.0, bins, ..MODE }, 266, evidence, k)
         };
-        assert!(sudden(&evidence, 1.0, 200, 10) && !sudden(&evidence, 1.0, 20, 10));
-        // Lines were heard in minute 10 alone.
+        assert!(sudden(&evidence, 200, 10) && !sudden(&evidence, 20, 10));
+        // Lines were heard in minute 10 alone, from elsewhere.
         let modes = [Some(MODE), None, None];
         let heard = Directions { modes, log_presence: 12.0, log_below: f32::NEG_INFINITY, frames: 17 };
         evidence.push(Minute::new(10, &heard, &SILENT));
-        for (k, azimuth, want) in
-            [(11, 1.0, true), (12, 1.2, false), (12, 1.5, true), (15, 1.0, false), (16, 1.0, true)]
-        {
-            assert_eq!(sudden(&evidence, azimuth, 200, k), want, "{k} {azimuth}");
+        for (k, want) in [(11, true), (12, false), (20, false), (21, true)] {
+            assert_eq!(sudden(&evidence, 200, k), want, "{k}");
         }
     }
 

@@ -58,7 +58,7 @@ const STAYS: f32 = 0.866;
 
 /// Pressure is exchanged with the vertical component where the axis has moved in so many of the minutes without it, one in so many: where it shakes it
 /// moves once a tide, for three blocks.
-const MOVED: u16 = 60;
+const MOVED: u16 = 30;
 const MOVES: u16 = 4;
 
 /// Minutes of each sign in which north and east go together.
@@ -137,8 +137,8 @@ impl Misplaced {
         least: 0.0,
     };
 
-    /// Takes a minute; whether the axis of horizontal motion is another than in the hour before.
-    pub(super) fn minute(&mut self, m: &Moments) -> bool {
+    /// Takes a minute.
+    pub(super) fn minute(&mut self, m: &Moments) {
         let [p, n, e, z] = m.power;
         let power = p / m.instants.max(1) as f32;
         let grown = self.least * (1.0 + GROWS);
@@ -162,7 +162,7 @@ impl Misplaced {
         let axis = if most < STRONG { [0.0; 2] } else { axis(n, e, m.north_east) };
         let moved = self.axes.minute(axis);
         if most < STRONG {
-            return moved;
+            return;
         }
         let is_absent = |x: f32| x < ABSENT * most;
         let [pressure, _, _, vertical] = best;
@@ -182,7 +182,6 @@ impl Misplaced {
             self.horizontals.take(ne, clearly * clearly);
             self.vertical.take(pz, slightly * slightly);
         }
-        moved
     }
 
     /// Where pressure is by what was heard.

@@ -60,7 +60,6 @@ mod misplaced;
 mod residuals;
 mod search;
 mod segment;
-mod shaking;
 mod signs;
 mod tracks;
 mod unheard;

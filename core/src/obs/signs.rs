@@ -44,9 +44,6 @@ const COUNTS: f32 = 0.06;
 const CHANCE: f32 = 0.0075;
 const CONTRARY: f32 = 0.8;
 
-/// Part of that sum that is gone with each minute in which the instrument shakes.
-const SHAKEN: f32 = 0.02;
-
 /// The same sum of the right sign at which a doubt is over, of vessels on either side of north and of east each: of a component that stands in another's place, or
 /// in that of pressure, one of them has the wrong sign or none.
 const AGREEING: f32 = 0.6;
@@ -163,11 +160,6 @@ impl AllSigns {
                 }
             }
         }
-    }
-
-    /// A minute of what is no vessel, for the instrument shakes: what came before may have been that as well.
-    pub(super) fn shaken(&mut self) {
-        self.contrary *= 1.0 - SHAKEN;
     }
 
     /// The vertical one's slight votes.

@@ -515,13 +515,15 @@ impl State {
             let minute = Minute::new(k as u32, &towards, &apart);
             ranges.prefer(&plan.interference, &expected);
             let allowance = &mut self.tracker.allowance;
+            // A range, or a track, tells of a vessel by itself.
+            let of_vessel = clear_speed_m_s(&ranges).is_some() || expected.iter().any(Option::is_some);
             let modes = if allowance.has_room_for_more() { 2 } else { 1 };
             allowance.minute(send(
                 plan,
                 &lasting,
                 index,
                 &directions,
-                |m| is_sudden(m, plan.band.bins, &self.evidence, k as u32),
+                |m| !of_vessel && is_sudden(m, plan.band.bins, &self.evidence, k as u32),
                 call,
                 &ranges,
                 pairs_in_doubt,
