@@ -75,7 +75,8 @@ fn a_doubt_is_over_where_vessels_have_the_right_sign_for_long_again() {
     assert_eq!(doubted(|v| v), [DOUBT, OVER]);
     // Not where they pass on one side of north, nor where it was north that is no north.
     let (mut signs, mut sides) = (AllSigns::NONE, AllSigns::NONE);
-    (signs.doubt(false), sides.doubt(false));
+    signs.doubt(false);
+    sides.doubt(false);
     for n in 0..5000 {
         let (s, c) = math::f32::sin_cos(n as f32 / 60.0);
         signs.take(&[0.5 * math::f32::abs(c), 0.5 * s, -0.4], 1.0, false);
